@@ -35,6 +35,7 @@ _READERS: dict[str, Reader] = {
     ".csv": csv_maps,
     ".tsv": csv_maps,
     ".parquet": parquet_maps,
+    ".1d": csv_maps,
     ".annot": freesurfer_annotation,
     ".label": freesurfer_label,
     ".mgh": mgh_maps,
@@ -60,6 +61,9 @@ def is_map_file(path: str | Path) -> bool:
     if name.endswith(MAP_ENDINGS):
         return True
     try:
+        if name.endswith(".asc"):
+            with path.open("rb") as file:  # a surface begins with a comment
+                return file.read(1) != b"#"
         if name.endswith(".npz"):
             return not holds_a_mesh(path)
         if name.endswith(".gii"):

@@ -20,6 +20,7 @@ from meshmash_viewer.io.formats.brain import (
     FREESURFER_ENDINGS,
     freesurfer_kind,
     read_freesurfer,
+    read_freesurfer_ascii,
     read_gifti,
 )
 from meshmash_viewer.io.formats.draco import is_draco, read_draco
@@ -65,6 +66,7 @@ READERS: dict[str, Reader] = {
     ".h5": read_meshparty,
     ".drc": read_draco,
     LINK_ENDING: read_linked,
+    ".asc": read_freesurfer_ascii,
     **dict.fromkeys(FREESURFER_ENDINGS, read_freesurfer),
 }
 READERS |= plug_ins("readers", READERS)
@@ -329,6 +331,7 @@ _REMEDIES = {
     "finite": "repair or export the mesh again",
     "three different corners": "repair or export the mesh again",
     "cut short": "copy or export it again",
+    "holds meshes in": "write each mesh to a file of its own",
     "Python objects": "save it with a type of numbers",
     "decimal comma": "write decimals with a point",
     "no surface": "open the surface that it belongs to, and this file as a map of it",
@@ -337,7 +340,7 @@ _REMEDIES = {
 
 
 def _kind(ending: str) -> str:
-    if READERS.get(ending, read_freesurfer) is read_freesurfer:
+    if READERS.get(ending, read_freesurfer) in (read_freesurfer, read_freesurfer_ascii):
         return "a FreeSurfer surface"
     name = "GIFTI" if ending == ".gii" else ending.lstrip(".").upper()
     return f"an {name} mesh" if name[0] in "HONS" else f"a {name} mesh"  # an OBJ, an NPZ

@@ -297,6 +297,14 @@ def test_numpy_arrays_of_other_shapes_and_types(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_maps(tmp_path / "fields.npy", MESH)[1].values, values[1])
 
 
+def test_columns_of_afni_are_maps(tmp_path: Path) -> None:
+    path = tmp_path / "depth.1D"
+    path.write_text("# ni_dimen = 42\n# area\n" + "".join(f" {each} 7\n" for each in VALUES))
+    first, second = read_maps(path, MESH)
+    np.testing.assert_allclose(first.values, VALUES)
+    assert set(second.values) == {7}
+
+
 def test_the_first_format_of_freesurfer_values(tmp_path: Path) -> None:
     values = np.arange(N) - 20
     content = N.to_bytes(3) + (2 * N).to_bytes(3) + (100 * values).astype(">i2").tobytes()

@@ -133,6 +133,12 @@ def write_freesurfer(path: Path) -> None:
     write_geometry(str(path), VERTICES, FACES, create_stamp="")
 
 
+def write_freesurfer_text(path: Path) -> None:
+    rows = [" ".join(map(str, each)) + " 0" for each in (*VERTICES.tolist(), *FACES.tolist())]
+    sizes = f"{len(VERTICES)} {len(FACES)}"
+    path.write_text("\n".join(["#!ascii version of lh.pial", sizes, *rows]) + "\n")
+
+
 def draco_bytes() -> bytes:
     import DracoPy
 
@@ -185,6 +191,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "mesh.h5": write_meshparty,
     "mesh.drc": write_draco,
     "lh.pial": write_freesurfer,
+    "lh.pial.asc": write_freesurfer_text,
 }
 
 
@@ -213,7 +220,7 @@ def test_every_format_gives_the_same_mesh(name: str, tmp_path: Path) -> None:
     assert same_surface(mesh, VERTICES, FACES)
     assert mesh.vertices.dtype == np.float64
     assert mesh.faces.dtype == np.int64
-    assert mesh.unit == ("mm" if name in ("mesh.surf.gii", "lh.pial") else "")
+    assert mesh.unit == ("mm" if name.startswith(("mesh.surf.gii", "lh.pial")) else "")
 
 
 @pytest.mark.usefixtures("read_here")
@@ -264,6 +271,44 @@ def test_meshparty_files_packed_by_draco_with_masks_and_link_edges(tmp_path: Pat
         file["node_mask"] = np.ones(9, dtype=bool)
     with pytest.warns(MeshWarning, match="node mask of other vertices"):
         assert read_mesh(path).maps == ()
+
+
+@pytest.mark.usefixtures("read_here")
+def test_a_mesh_in_a_group_of_an_hdf5_file_is_read_if_it_is_the_only_one(tmp_path: Path) -> None:
+    import h5py
+
+    path = tmp_path / "mesh.h5"
+    for number, group in enumerate(("meshes/first", "second")):
+        with h5py.File(path, "a") as file:
+            file[f"{group}/vertices"], file[f"{group}/faces"] = VERTICES, FACES
+        if not number:
+            assert same_surface(read_mesh(path), VERTICES, FACES)
+    with pytest.raises(InputError, match=r"2 groups \(/meshes/first, /second\); write each"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("stamp", ["by me\n\n", "by me\non Friday\n\n", "by me\n", "a\nb\nc\n\n"])
+def test_the_text_before_a_freesurfer_surface_has_any_number_of_lines(
+    stamp: str, tmp_path: Path
+) -> None:
+    write_freesurfer(path := tmp_path / "lh.pial")
+    content = path.read_bytes()
+    start = len(content) - 12 * (len(VERTICES) + len(FACES)) - 8
+    path.write_bytes(content[:3] + stamp.encode() + content[start:])
+    assert same_surface(read_mesh(path), VERTICES, FACES)
+
+
+def test_text_of_freesurfer_that_is_cut_short_or_has_values_is_said(tmp_path: Path) -> None:
+    write_freesurfer_text(path := tmp_path / "lh.pial.asc")
+    path.write_text(path.read_text()[:-3])
+    with pytest.raises(InputError, match=r"vertices and .* faces of four numbers, and holds"):
+        read_mesh(path)
+    path = tmp_path / "lh.thickness.asc"
+    rows = [f"{at:03d} {x} {y} {z} {at}.5" for at, (x, y, z) in enumerate(VERTICES.tolist())]
+    path.write_text("\n".join(rows))
+    (found,) = read_maps(path, (VERTICES, FACES))
+    assert (found.unit, found.values.tolist()) == ("mm", [at + 0.5 for at in range(len(VERTICES))])
+    assert is_map_file(path)
 
 
 @pytest.mark.usefixtures("read_here")

@@ -103,6 +103,10 @@ TABLES: dict[str, tuple[str | bytes, dict[str, list[float]]]] = {
     ),
     "some vertices": ("vertex,a\n3,1\n1,2\n", {"a": [NAN, 2, NAN, 1]}),
     "a year": ("depth,2020\n1,5\n2,6\n3,7\n4,8\n", {"depth": [1, 2, 3, 4], "2020": [5, 6, 7, 8]}),
+    "indices and numbers": (
+        "0,501\n1,733\n2,250\n3,104\n",
+        {"f0": [0, 1, 2, 3], "f1": [501, 733, 250, 104]},
+    ),
     "no last line end": ("a\n1\n2\n3\n4", {"a": [1, 2, 3, 4]}),
 }
 
@@ -149,6 +153,10 @@ BROKEN = {
         r"no column of numbers: 'a' \(not numbers, such as 'x'\), 'b'",
     ),
     "thousands": ('a\n"1,000"\n"2,000"\n"3,000"\n"4,000"\n', "no column of numbers: .*'1,000'"),
+    "decimal commas or two columns": (
+        "0,501\n0,733\n1,250\n1,104\n",
+        "decimal comma, or of two whole numbers: write decimals with a point",
+    ),
     "too few": ("a\n1\n2\n3\n", "3 values and the mesh 4 vertices"),
 }
 

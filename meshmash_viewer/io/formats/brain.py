@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 import struct
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
+from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, numbered_labels
 
 #: Endings of common FreeSurfer surfaces, after "lh" or "rh"; other surfaces are recognized by their
@@ -33,6 +35,8 @@ FREESURFER_ENDINGS = (
 )
 #: First bytes of FreeSurfer surfaces of triangles, and of two kinds of quadrangles.
 _TRIANGLES, _QUADS, _SHORT_QUADS = b"\xff\xff\xfe", b"\xff\xff\xfd", b"\xff\xff\xff"
+#: Largest number of bytes in which the coordinates of a surface of triangles begin.
+_STAMP = 4096
 #: Units of files with one number per vertex, by ending.
 _UNITS = {".thickness": "mm", ".curv": "mm⁻¹", ".area": "mm²", ".volume": "mm³"}
 #: Smallest extent of a surface that is read in metres; a mouse brain has 0.015 m.
@@ -95,8 +99,6 @@ def read_freesurfer(path: Path) -> RawMesh:
 
     `InputError` is raised if the file is no surface, or is shorter than its header states.
     """
-    from nibabel.freesurfer.io import read_geometry
-
     kind = freesurfer_kind(path)
     if kind == "patch":
         raise InputError(
@@ -107,27 +109,80 @@ def read_freesurfer(path: Path) -> RawMesh:
         raise InputError("holds one number a vertex, such as a curvature or thickness, no surface")
     if not kind:
         raise InputError("does not begin like a FreeSurfer surface")
-    with path.open("rb") as file:
-        magic = file.read(3)
-        if magic == _TRIANGLES:
-            file.readline(), file.readline()  # creator, and an empty line
-            n_vertices, n_faces = struct.unpack(">ii", file.read(8).ljust(8, b"\xff"))
-        else:
-            header = file.read(6).ljust(6, b"\0")
-            n_vertices, n_faces = (int.from_bytes(part) for part in (header[:3], header[3:]))
-        needed = file.tell() + (6 if magic == _SHORT_QUADS else 12) * n_vertices + 12 * n_faces
-    if min(n_vertices, n_faces) < 0 or needed > path.stat().st_size:
+    content = path.read_bytes()
+    magic = content[:3]
+    if magic == _TRIANGLES:
+        start, n_vertices, n_faces = _sizes(content)
+    else:
+        start, header = 9, content[3:9].ljust(6, b"\0")
+        n_vertices, n_faces = (int.from_bytes(part) for part in (header[:3], header[3:]))
+    needed = start + (6 if magic == _SHORT_QUADS else 12) * n_vertices + 12 * n_faces
+    if min(n_vertices, n_faces) < 0 or needed > len(content):
         raise InputError(
-            f"promises {n_vertices} vertices and {n_faces} faces, for which it has not enough"
-            " bytes, so it was cut short"
+            f"promises {counted(n_vertices, 'vertex')} and {counted(n_faces, 'face')}, for which it"
+            " does not have enough bytes, so it was cut short"
         )
-    read: Any = read_geometry
-    vertices, faces = read(str(path))[:2]
-    vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
-    unit, remark = _unit(vertices)
-    return RawMesh(
-        vertices, np.asarray(faces, dtype=np.int64).reshape(-1, 3), unit, unit_remark=remark
+    if magic == _TRIANGLES:
+        vertices = np.frombuffer(content, ">f4", 3 * n_vertices, start)
+        faces = np.frombuffer(content, ">i4", 3 * n_faces, start + 12 * n_vertices)
+    else:
+        from nibabel.freesurfer.io import read_geometry
+
+        read: Any = read_geometry
+        vertices, faces = read(str(path))[:2]
+    return _surface(vertices, faces)
+
+
+def _sizes(content: bytes) -> tuple[int, int, int]:
+    """Return the start of the coordinates, and the numbers of vertices and faces.
+
+    The text before them usually consists of the creator and an empty line. Some programs write
+    another number of lines: of several possible numbers, one is taken that fits the file's size.
+    """
+    ends = [each.end() for each in re.finditer(b"\n", content[:_STAMP])][:4]
+    ends = [*ends[1:3], *ends[:1], *ends[3:]] or [3]
+    found = [(at + 8, *struct.unpack(">ii", content[at : at + 8].ljust(8, b"\xff"))) for at in ends]
+    fits = (
+        (start, n, m)
+        for start, n, m in found
+        if min(n, m) > 0 and start + 12 * (n + m) <= len(content)
     )
+    return next(fits, found[0])
+
+
+def read_freesurfer_ascii(path: Path) -> RawMesh:
+    """Read a FreeSurfer surface as text (``lh.pial.asc``), or values (``lh.thickness.asc``).
+
+    `InputError` is raised if the file has another number of numbers than its header states.
+    """
+    text = path.read_text("utf-8", "replace")
+    header, _, rows = text.partition("\n")
+    numbers = _numbers_of(rows if header.startswith("#") else text)
+    if not header.startswith("#"):
+        if not len(numbers) or len(numbers) % 5:
+            raise InputError("holds neither a FreeSurfer surface nor values as text")
+        values = numbers.reshape(-1, 5)[:, 4]  # after index and coordinates
+        return maps_alone([RawMap("", values, unit=_UNITS.get(Path(path.stem).suffix, ""))])
+    n_vertices, n_faces = numbers[:2].astype(np.int64).tolist() if len(numbers) > 1 else (0, 0)
+    if len(numbers) != 2 + 4 * (n_vertices + n_faces):
+        raise InputError(
+            f"promises {counted(n_vertices, 'vertex')} and {counted(n_faces, 'face')} of four"
+            f" numbers, and holds {counted(max(len(numbers) - 2, 0), 'number')}"
+        )
+    rows_of_four = numbers[2:].reshape(-1, 4)[:, :3]  # the last number is a flag
+    return _surface(rows_of_four[:n_vertices], rows_of_four[n_vertices:])
+
+
+def _numbers_of(text: str) -> FloatArray:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of words, before which numpy ends
+        return np.fromstring(text, sep=" ")
+
+
+def _surface(vertices: npt.NDArray[Any], faces: npt.NDArray[Any]) -> RawMesh:
+    vertices = vertices.astype(np.float64).reshape(-1, 3)
+    unit, remark = _unit(vertices)
+    return RawMesh(vertices, faces.astype(np.int64).reshape(-1, 3), unit, unit_remark=remark)
 
 
 def _unit(vertices: FloatArray) -> tuple[str, str]:

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError, not_installed
+from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.io.formats.draco import decode_draco
 from meshmash_viewer.io.raw import RawMap, RawMesh
 from meshmash_viewer.units import counted
 
 
 def read_meshparty(path: Path) -> RawMesh:
-    """Read vertices and faces, or a mesh compressed by Draco.
+    """Read vertices and faces, or a mesh compressed by Draco, of the file or its only such group.
 
     A node mask of the vertices becomes the map "node_mask". Link edges, which are not edges of the
     surface, and a node mask of another length are left out with a remark.
@@ -25,7 +25,8 @@ def read_meshparty(path: Path) -> RawMesh:
         raise InputError(f"is read by {not_installed('h5py', 'neuro')}") from None
     try:
         with h5py.File(path, "r") as file:
-            held = {name: file[name][()] for name in _KNOWN if _is_array(file.get(name))}
+            group = _group_of_mesh(file)
+            held = {name: group[name][()] for name in _KNOWN if _is_array(group.get(name))}
     except OSError as fault:
         raise InputError("is no HDF5 file, or cut short") from fault
     if "draco" in held:
@@ -46,6 +47,17 @@ def read_meshparty(path: Path) -> RawMesh:
 
 
 _KNOWN = ("vertices", "faces", "draco", "link_edges", "node_mask")
+
+
+def _group_of_mesh(file: Any) -> Any:
+    """Return the file if it contains a mesh itself, else its only group that does."""
+    groups = [file]
+    file.visititems(lambda _, each: groups.append(each) if hasattr(each, "keys") else None)
+    found = [each for each in groups if "draco" in each or {"vertices", "faces"} <= {*each}]
+    if len(found) > 1 and found[0] is not file:
+        names = printable(", ".join(each.name for each in found), 100)
+        raise InputError(f"holds meshes in {len(found)} groups ({names})")
+    return next(iter(found), file)
 
 
 def _is_array(entry: Any) -> bool:

@@ -49,7 +49,28 @@ def csv_maps(path: Path) -> RawMesh:
     and column names may be in the last comment. A missing number is an empty field or a text such
     as "None", "NA", "NaN" or "null".
     """
-    return replace(_maps(text_table(path)), meta=second_file(path))
+    table = text_table(path)
+    if table.column_names == ["f0", "f1"]:
+        _check_integers(path, *table.columns)
+    return replace(_maps(table), meta=second_file(path))
+
+
+def _check_integers(path: Path, first: pyarrow.ChunkedArray, second: pyarrow.ChunkedArray) -> None:
+    """Raise `InputError` for lines such as "0,501" that may as well be decimal numbers.
+
+    All have the same number of digits after the comma, at least two, as decimals have, and the
+    numbers before the comma do not ascend, as indices of vertices do.
+    """
+    with path.open("rb") as file:
+        line = file.readline().decode("latin-1").strip()
+    if _ONE_DECIMAL.fullmatch(line) is None or first.null_count or second.null_count:
+        return
+    widths = {len(str(end)) for end in (second.to_numpy().min(), second.to_numpy().max())}
+    if len(widths) == 1 and min(widths) > 1 and not (np.diff(first.to_numpy()) > 0).all():
+        raise InputError(
+            "has lines of one number with a decimal comma, or of two whole numbers: write decimals"
+            " with a point, or separate columns by a semicolon"
+        )
 
 
 def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
