@@ -42,6 +42,7 @@ class Eigenfunctions(Family):
     export_label = "Eigenpairs"
     icon = '<path d="M3 12c3-10 6-10 9 0s6 10 9 0"/>'
     position = ("index",)
+    of_one_pair = True
     interval = 250
 
     #: Index of the eigenfunction, from 0.

@@ -199,6 +199,8 @@ class Family(Parameters):
     response_noun: ClassVar[str] = "Filters"
     #: Number of decades from 0 to 1 on the left axis of that plot; 0 for a linear axis.
     response_decades: ClassVar[int] = 0
+    #: Whether values depend on a single eigenpair, not on the number of computed pairs.
+    of_one_pair: ClassVar[bool] = False
     #: Whether contour lines are drawn at round values.
     contoured: ClassVar[bool] = False
     #: Whether a few vertices may have values far beyond all others.

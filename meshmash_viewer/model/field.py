@@ -27,7 +27,7 @@ from meshmash_viewer.model.limits import (
 from meshmash_viewer.model.pins import pin_at
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.units import engineering, format_quantity, plain_text, round_length
+from meshmash_viewer.units import counted, engineering, format_quantity, plain_text, round_length
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 if TYPE_CHECKING:
@@ -171,10 +171,15 @@ class Field:
         return limits, reversed_map(named) if self.family.bright_low else named
 
     def as_map(self) -> VertexMap:
-        """Return the values as a map of the mesh, with the name that the render shows."""
+        """Return the values as a map of the mesh, with the name that the render shows.
+
+        The name has the number of eigenpairs if values depend on it.
+        """
         is_map = self.family.own and not self.family.of_pairs
         quantity = self.quantity.partition(": ")[0]  # without a share after the colon
         name = self.title if is_map else plain_text(f"{self.title} {quantity}")
+        if self.family.needs_pairs and not self.family.of_one_pair:
+            name += f", {counted(len(self.request.spectrum), 'pair')}"
         if not self.labels:
             return VertexMap(name, self.values, unit=self.unit)
         labels = tuple(replace(each, key=at) for at, each in enumerate(self.labels))

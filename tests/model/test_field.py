@@ -161,6 +161,22 @@ def test_labels_without_a_vertex_have_colours_too(rectangle: Mesh) -> None:
 
 
 @pytest.mark.parametrize(
+    ("kind", "end"), [("hks", ", 40 pairs"), ("eigenfunction", ""), ("wks", ", 40 pairs")]
+)
+def test_a_kept_field_has_the_number_of_pairs_on_which_it_depends(
+    rectangle: Mesh, kind: str, end: str
+) -> None:
+    document = Document()
+    document.accept_mesh(MeshReady(rectangle, mesh_health(rectangle), rectangle.vertex_normals))
+    document.accept_spectrum(replace(spectrum_of(rectangle, 40), mesh=rectangle))
+    document.display.kind = kind
+    live, request = LiveFeatures(), request_of(document)
+    live.prepare(request)
+    field = compute_field(request, live)
+    assert field.as_map().name == f"{field.title} {field.quantity}{end}".replace("\xa0", " ")
+
+
+@pytest.mark.parametrize(
     ("view", "text"), [("residual", "1"), ("filter", "x >= c"), ("pairs", "1")]
 )
 def test_differences_from_the_mean_have_limits_as_far_apart_as_the_map(
