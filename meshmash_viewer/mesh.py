@@ -196,8 +196,8 @@ class Mesh(Triangles):
         if self.numbering is not None and given.n_vertices == self.n_file_vertices:
             return given.at(self.numbering.in_file)
         raise InputError(
-            f"Map {given.name!r} has {given.n_vertices:,} values and the mesh"
-            f" {self.n_vertices:,} vertices: give the one that was made for this surface."
+            f"Map {given.name!r} has {counted(given.n_vertices, 'value')} and the mesh"
+            f" {counted(self.n_vertices, 'vertex')}: give a map that was made for this surface."
         )
 
     # -- indices in the file -----------------------------------------------------------------

@@ -23,7 +23,7 @@ from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.matching import ComparisonRequest
 from meshmash_viewer.model.notices import Notice, failure_of, notice_of
 from meshmash_viewer.model.pair import Pair
-from meshmash_viewer.units import format_share
+from meshmash_viewer.units import counted, format_share
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.style import ColorMap
@@ -155,7 +155,7 @@ class SecondView(QWidget):
         elif first is None or not first.complete:
             text = "waits for the eigenpairs of the first: press Compute"
         elif spectrum is not None:
-            text = f"{len(spectrum):,} pairs" + (" · complete" if spectrum.complete else "")
+            text = counted(len(spectrum), "pair") + (" · complete" if spectrum.complete else "")
         self.status_label.setText(f"{name}  ·  {text}" if text else name)
 
     # -- drawing ------------------------------------------------------------------------------

@@ -163,8 +163,8 @@ def _domains(mesh: Mesh, given: Path, mesh_file: Path) -> IntArray:
     if len(labels) == mesh.n_vertices:
         return labels
     raise InputError(
-        f"{path} has {len(labels):,} labels, and {mesh.name} {mesh.n_file_vertices:,} vertices:"
-        " give the one that was made from it."
+        f"{path} has labels of {counted(len(labels), 'vertex')}, and {mesh.name} has"
+        f" {counted(mesh.n_file_vertices, 'vertex')}: give the file that was made from this mesh."
     )
 
 

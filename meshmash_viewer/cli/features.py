@@ -213,9 +213,9 @@ def computed_features(
     )
     if pairs is not None and not (pairs.eigenvalues > 0.0).any():
         remarks.append(
-            f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
-            " so the features are the same all over a component: go further up the spectrum"
-            " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
+            "all computed eigenvalues are zero, one for each connected component, so the features"
+            " are constant on each component: compute more of the spectrum (a larger --count or"
+            " --max-eigenvalue, a shorter --wavelength)."
         )
     if pairs is not None and (assumed := family.assumed(pairs, mesh.unit)):
         remarks.append(f"{assumed}, from the spectrum: give other values with --set; x is λ.")

@@ -423,7 +423,7 @@ class _Computation:
 def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition, name: str) -> None:
     useful = weyl_eigenvalue(float(result.mass.sum()), _USEFUL_COUNT)
     within = (
-        f"are among the {result.n_components} eigenpairs requested"
+        "are among the requested eigenpairs"
         if max_eigenvalue is None
         else f"lie below max_eigenvalue ({max_eigenvalue:.4g})"
     )

@@ -376,7 +376,7 @@ def _remarks(known: VertexMap, rows: IntArray, volume: FloatArray) -> tuple[str,
     alone = np.bincount(known.shown[labelled & (rows < 0)].astype(np.int64))
     if (places := np.flatnonzero(alone)).size:
         names = ", ".join(known.labels[place].name for place in places[:_NAMED])
-        rest = f" and {len(places) - _NAMED} more labels" if len(places) > _NAMED else ""
+        rest = f" and {counted(len(places) - _NAMED, 'more label')}" if len(places) > _NAMED else ""
         said.append(
             f"{counted(int(alone.sum()), 'vertex')} of {names}{rest} in no region:"
             " no face around has three corners with the same label."

@@ -19,6 +19,7 @@ from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
 from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
+from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -226,7 +227,8 @@ def spectral_distance(
         count = int(np.count_nonzero(compute_vertex_areas(mesh)))
         if count < n_components:
             raise InputError(
-                f"{n_components} eigenvalues cannot be compared: a mesh has {count} vertices."
+                f"A mesh has only {counted(count, 'vertex')} with area, fewer than the"
+                f" {n_components:,} eigenvalues to compare: ask for fewer."
             )
         stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
         spectrum = solve(stiffness, mass, n_components).eigenvalues

@@ -157,6 +157,7 @@ BROKEN = {
         "0,501\n0,733\n1,250\n1,104\n",
         "decimal comma, or of two whole numbers: write decimals with a point",
     ),
+    "one": ("a\n1\n", "has 1 value and the mesh 4 vertices"),
     "too few": ("a\n1\n2\n3\n", "3 values and the mesh 4 vertices"),
 }
 

@@ -111,7 +111,7 @@ class ExportDialog(SaveDialog):
         most = len(self._spectrum)
         self.pairs_spin = make.spin(
             "export_pairs_spin", "Number of eigenpairs to use", self._refresh, minimum=1,
-            maximum=max(most, 1), value=most, suffix=f" of {most:,} eigenpairs",
+            maximum=max(most, 1), value=most, suffix=f" of {counted(most, 'eigenpair')}",
             keyboardTracking=True,
         )  # fmt: skip
         self.count_spin = make.spin(

@@ -256,7 +256,7 @@ class MapTab(FamilyTab):
         show_note(self.missing, self._missing(spectrum))
         self.keep_button.setVisible(resolved.view != "map")
         self.keep_button.setEnabled(self._can_keep())
-        self.spin.setSuffix(f" of {last:,} pairs")
+        self.spin.setSuffix(f" of {counted(last, 'pair')}")
         self.views.show_key(resolved.view)
         known = resolved.map_spectrum(spectrum) if usable else None
         self.save_button.setEnabled(known is not None)

@@ -24,7 +24,7 @@ from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.surface.masks import Mask
-from meshmash_viewer.units import format_range
+from meshmash_viewer.units import counted, format_range
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,8 +215,8 @@ class ContactSheet:
         self.picture_size = self._layout.picture
         if min(self.picture_size) < _LEAST:
             raise InputError(
-                f"{len(captions)} pictures on a sheet of {size[0]} × {size[1]} pixels are too"
-                " small to show anything: make it larger, or choose fewer columns."
+                f"A sheet of {size[0]} × {size[1]} pixels is too small for"
+                f" {counted(len(captions), 'picture')}: make it larger, or choose fewer columns."
             )
         ground = self._theme.background_top if ground is None else ground
         self._sheet = Image.new("RGBA", size, ground or (0, 0, 0, 0))
