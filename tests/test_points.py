@@ -185,8 +185,8 @@ def test_without_pyarrow_it_is_named(
         ("x,y,z\n", "s.csv has no rows: export it again."),
         (
             "a,b\n1,2\n",
-            "s.csv has no position, which three columns such as x, y, z are, or one of three"
-            " numbers: its columns are a, b.",
+            "s.csv has no position: a position is three columns such as x, y, z or pre_x, pre_y,"
+            " pre_z, or one column of three numbers. Rename its columns, which are a, b.",
         ),
         (
             "pre_x,pre_y,pre_z,post_x,post_y,post_z\n1,2,3,4,5,6\n",
@@ -215,6 +215,31 @@ def test_bad_tables(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError) as fault:
         mv.read_points(path)
     assert str(fault.value) == said
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        ("x_pre,y_pre,z_pre", ""),
+        ("Center X (vx),Center Y (vx),Center Z (vx)", ""),
+        ("X [um],Y [um],Z [um]", "µm"),
+        ("pt_x_nm,pt_y_nm,pt_z_nm", "nm"),
+        ("x(8nm),y(8nm),z(8nm)", "8 nm"),
+    ],
+)
+def test_names_of_coordinates_may_end_in_a_word_or_a_unit(
+    tmp_path: Path, names: str, unit: str
+) -> None:
+    path = tmp_path / "s.csv"
+    path.write_text(f"Synapse ID,{names},x_nm,y_nm\n70,1,2,3,8,9\n")
+    found = mv.read_points(path)
+    assert (found.positions.tolist(), found.unit) == ([[1, 2, 3]], unit)
+    assert (found.id, [*found.columns]) == ("Synapse ID", ["Synapse ID", "x_nm", "y_nm"])
+    assert mv.read_points(path, unit="4 nm").unit == "4 nm"
+    both = {name: [1.0] for name in ("x", "y", "z", "x_err", "y_err", "z_err")}
+    assert [*mv.read_points(both).columns] == ["x_err", "y_err", "z_err"]
+    with pytest.raises(InputError, match="Rename its columns, which are x_nm, y_nm, z_um"):
+        mv.read_points({"x_nm": [1.0], "y_nm": [2.0], "z_um": [3.0]})
 
 
 def test_other_bad_input(tmp_path: Path) -> None:
@@ -252,6 +277,7 @@ def test_points_in_voxels_are_refused_with_their_likely_size() -> None:
         mv.project_points(FAR, places)
     assert "100 of 100 points lie outside the box of the mesh" in str(fault.value)
     assert "in 4 × 4 × 40 nm 100" in str(fault.value)
+    assert "give this unit (--points-unit, unit=)" in str(fault.value)
     found = mv.project_points(FAR, mv.Points(places, unit="4 x 4 x 40 nm"))
     np.testing.assert_array_equal(found.vertices, np.arange(100))
     in_microns = mv.project_points(FAR, mv.Points(FAR.vertices[:9] / 1000.0, unit="µm"))

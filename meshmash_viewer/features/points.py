@@ -260,7 +260,8 @@ class ProjectedPoints:
         """
         ids = self.points.columns.get(self.points.id)
         if ids is None:
-            raise InputError(f"{self.points.name or 'The table'} has no column id: name one so.")
+            name = self.points.name or "The table"
+            raise InputError(f"{name} has no column id: rename the column of identifiers to id.")
         if ids.dtype.kind not in "iu":
             raise InputError(f"The column {self.points.id} is not a whole number in each row.")
         if len(ids) and int(ids.max()) >= 2**63:
@@ -352,7 +353,8 @@ def _elsewhere(
             share, unit = found, each
     where = f"{outside:,} of {counted(len(points), 'point')} lie outside the box of the mesh"
     if share > max(0.5, 2.0 * near):
-        remedy = f"in {unit} {format_share(share, 2)} are near it: state that as their unit."
+        remedy = f"in {unit} {format_share(share, 2)} are near it:"
+        remedy += " give this unit (--points-unit, unit=)."
         return (f"{where}, and {remedy}" if outside else remedy), unit
     return (f"{where}: check their unit, or allow a larger distance." if outside else ""), ""
 

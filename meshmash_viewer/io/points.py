@@ -18,7 +18,8 @@ from meshmash_viewer.features.points import Points, ProjectedPoints
 from meshmash_viewer.io.formats.tables import ROW_NUMBERS, text_table
 from meshmash_viewer.io.write import write_table
 from meshmash_viewer.io.writers import FeatureTable
-from meshmash_viewer.units import counted
+from meshmash_viewer.quantities import parse_unit
+from meshmash_viewer.units import counted, written_unit
 
 if TYPE_CHECKING:
     import pyarrow
@@ -30,12 +31,14 @@ _TEXT_ENDINGS = (".csv", ".tsv", ".txt")
 #: Endings of tables of points.
 POINT_ENDINGS = (*_TEXT_ENDINGS, ".parquet", ".feather", ".arrow")
 _AXES = ("x", "y", "z")
-#: Name of a column with one coordinate: "x", "ctr_pt_x", "pre_pt_position_x".
-_AXIS = re.compile(r"(?:(?P<stem>.+)[_ .])?(?P<axis>[xyz])", re.IGNORECASE)
+#: Name of a column with one coordinate: "x", "ctr_pt_x", "x_pre", "x_nm", "Center X [µm]".
+_AXIS = re.compile(
+    r"(?:(?P<before>.+)[_ .])?(?P<axis>[xyz])(?:[_ .\[(]+(?P<after>.+?)[\])]?)?", re.IGNORECASE
+)
 _NUMBER = r"(?:np\.\w+\()?([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\)?"
 #: A field with three numbers: "[1 2 3]", "(1.5, 2, 3)".
 _TRIPLE = re.compile(rf"\s*[\[(]\s*{_NUMBER}[\s,;]+{_NUMBER}[\s,;]+{_NUMBER}\s*[\])]\s*")
-#: Names of columns of identifiers, in lower case.
+#: Names of columns of identifiers, in lower case, with underscores for other separators.
 _IDS = ("id", "synapse_id", "point_id", "object_id")
 #: Number of bytes of a text file that are read to recognize its columns.
 _BEGINNING = 20_000
@@ -59,6 +62,7 @@ def read_points(
 
     Positions are three columns such as ``x``, ``y``, ``z`` or ``ctr_pt_x``, ``ctr_pt_y``,
     ``ctr_pt_z``, or one column of three numbers such as ``ctr_pt_position``, in text as "[1 2 3]".
+    A unit in the names of three columns, such as ``x_nm`` or ``X [µm]``, is used without `unit`.
     Other columns keep their types; a column ``id`` or ``synapse_id`` identifies the points. Rows
     without a position are left out, with a remark. `InputError` is raised if the table cannot be
     read, has no rows or no positions, or has several positions and `position` is empty.
@@ -95,8 +99,8 @@ def read_points(
         named = ", ".join(printable(each, 30) for each in columns) or "none"
         wanted = f"no position {position!r}" if position else "no position"
         raise InputError(
-            f"{name} has {wanted}, which three columns such as x, y, z are, or one of three"
-            f" numbers: its columns are {named}."
+            f"{name} has {wanted}: a position is three columns such as x, y, z or pre_x, pre_y,"
+            f" pre_z, or one column of three numbers. Rename its columns, which are {named}."
         )
     if len(found) > 1:
         raise SeveralPositionsError(name, found)
@@ -107,11 +111,11 @@ def read_points(
         raise InputError(f"{name} has no position in any of its rows: export it again.")
     left_out = int(np.count_nonzero(~given))
     others = {each: values for each, values in columns.items() if each not in names}
-    lower = {each.lower(): each for each in others}
+    lower = {re.sub(r"[\W_]+", "_", each.lower()): each for each in others}
     return Points(
         places[given],
         {each: values[given] for each, values in others.items()} if left_out else others,
-        unit,
+        unit or _named_unit(names[0]),
         next((lower[each] for each in _IDS if each in lower), ""),
         "" if path is None else path.name,
         "" if path is None else str(path.absolute()),
@@ -243,15 +247,37 @@ def _from_arrow(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
 
 
 def _positions(columns: Columns) -> dict[str, tuple[str, ...]]:
-    """Return the column names of each position, one or three, by the stem of the names."""
-    stems: dict[str, dict[str, str]] = {}
-    for name in columns:
-        if match := _AXIS.fullmatch(name):
-            stems.setdefault(match["stem"] or "", {})[match["axis"].lower()] = name
-    found = {
-        stem: tuple(axes[axis] for axis in _AXES) for stem, axes in stems.items() if len(axes) == 3
-    }
-    return found | {name: (name,) for name, each in columns.items() if _is_triple(each)}
+    """Return the column names of each position, one or three, by the stem of the names.
+
+    Names such as ``x_pre`` or ``x_nm`` are read only if there are no others: a table of ``x``,
+    ``y``, ``z`` may also have ``x_err``, ``y_err``, ``z_err``.
+    """
+    triples = {name: (name,) for name, each in columns.items() if _is_triple(each)}
+    matches = [match for name in columns if (match := _AXIS.fullmatch(name))]
+    for plain in (True, False):
+        stems: dict[str, dict[str, str]] = {}
+        for match in matches:
+            if plain != bool(match["after"]):
+                stem = " ".join(filter(None, match.group("before", "after")))
+                stems.setdefault(stem, {})[match["axis"].lower()] = match[0]
+        threes = {
+            stem: tuple(map(axes.__getitem__, _AXES))
+            for stem, axes in stems.items()
+            if len(axes) == 3
+        }
+        if found := threes | triples:
+            return found
+    return {}
+
+
+def _named_unit(name: str) -> str:
+    """Return the unit in the name of a column with one coordinate, "" if there is none."""
+    match = _AXIS.fullmatch(name)
+    try:
+        voxel, unit = parse_unit((match and match["after"]) or "")
+    except InputError:
+        return ""
+    return written_unit(unit, voxel) if unit else ""
 
 
 def _is_triple(values: npt.NDArray[Any]) -> bool:
