@@ -21,6 +21,7 @@ from tiers import slow_but
 from meshmash_viewer.app.view import picture
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.cli.outputs import output_paths
+from meshmash_viewer.cli.parser import COMMANDS
 from meshmash_viewer.decompose import (
     compute_geometry_vectors,
     compute_hks,
@@ -70,6 +71,15 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
         status = int(leaving.code or 0)
     out, err = capsys.readouterr()
     return status, out, err
+
+
+def test_help_and_errors_lead_to_each_command(capsys: pytest.CaptureFixture[str]) -> None:
+    columns = re.findall(
+        r"^  ([a-z]+)\b.*?  +\w", run(capsys, "--help")[1].split("COMMAND")[1], re.M
+    )
+    assert columns == list(COMMANDS)
+    status, _, err = run(capsys, "predict", "x.ply", "--model", "m", "-o", "y/", "--count", 9)
+    assert (status, "(see meshmash-viewer predict --help)" in err) == (2, True)
 
 
 def test_info_for_people(capsys: pytest.CaptureFixture[str], ball: Path) -> None:
@@ -964,5 +974,8 @@ def test_links_are_meshes_of_every_command(
     assert [each.name for each in output.iterdir()] == [f"{SEGMENT}.npz"]
     assert "names no segment" in run(capsys, "info", source(layer))[2]
     assert "'axon' is no id" in run(capsys, "info", source(layer), "--segment", "axon")[2]
-    assert "are of a link: name one" in run(capsys, "info", "x.ply", "--segment", 12)[2]
-    assert "of one link, not of" in run(capsys, "info", link, link, "--segment", 12)[2]
+    assert (
+        "--segment and --lod need a link in place of"
+        in run(capsys, "info", "x.ply", "--segment", 12)[2]
+    )
+    assert "needs a single link" in run(capsys, "info", link, link, "--segment", 12)[2]

@@ -121,12 +121,11 @@ def linked(options: Namespace) -> list[Path]:
     links = [each for each in options.mesh if is_link(each)]
     if not links and (options.segment or options.lod is not None):
         raise InputError(
-            "--segment and --lod are of a link: name one, such as precomputed://gs://bucket/layer."
+            "--segment and --lod need a link in place of the mesh file, such as"
+            " precomputed://gs://bucket/layer."
         )
     if len(links) > 1 and options.segment:
-        raise InputError(
-            "--segment is of one link, not of several: give each link its own command."
-        )
+        raise InputError("--segment needs a single link: run the command once for each link.")
     found = []
     for each in options.mesh:
         segments = options.segment or [None]

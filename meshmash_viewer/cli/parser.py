@@ -65,13 +65,14 @@ def window_parser() -> ArgumentParser:
     """Return the parser for the window: ``meshmash-viewer [MESH ...]``."""
     from meshmash_viewer import __version__
 
-    calls = {f"{PROGRAM} {name} {takes}": about for name, (takes, about) in _COMMANDS.items()}
     parser = _Parser(
         prog=PROGRAM,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Open the window, on meshes or a session if given.",
-        epilog="commands without a window (each has its own --help):\n"
-        + "\n".join(f"  {call:<47}{about}" for call, about in calls.items()),
+        epilog=f"commands without a window ({PROGRAM} COMMAND --help lists their options):\n"
+        + "\n".join(
+            f"  {f'{name} {takes}':<41}{about}" for name, (takes, about) in _COMMANDS.items()
+        ),
     )
     parser.add_argument("mesh", nargs="*", type=mesh_argument, help="mesh file, session, or link")
     add_options(parser, *_READING, "--map", "--fresh", "--info")
@@ -212,6 +213,7 @@ def parsed_command(arguments: list[str]) -> argparse.Namespace:
     parser = command_parser()
     options, others = parser.parse_known_args(arguments)
     if others and (options.command != "train" or any(each.startswith("-") for each in others)):
+        parser.prog += f" {options.command}"
         parser.error(f"unrecognized arguments: {' '.join(others)}")
     options.mesh += map(mesh_argument, others)
     return options

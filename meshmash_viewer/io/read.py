@@ -211,8 +211,8 @@ def _linked(path: str | Path, segment: int | str | None, lod: int | None) -> Mes
         return parse_link(str(path), segment, lod)
     if segment is not None or lod is not None:
         raise InputError(
-            f"{path} is a file, and segment and level of detail are of a link: give one, such as"
-            " precomputed://gs://bucket/layer, or leave them out."
+            f"{path} is a file, but segment and level of detail need a link, such as"
+            " precomputed://gs://bucket/layer: give a link, or omit them."
         )
     return None
 

@@ -363,5 +363,5 @@ def test_a_file_of_a_link_is_read_as_the_link_is(layers: dict[str, Path], tmp_pa
     path.write_text("axon")
     with pytest.raises(InputError, match="holds no link"):
         read_mesh(path)
-    with pytest.raises(InputError, match="is a file, and segment and level"):
+    with pytest.raises(InputError, match="is a file, but segment and level"):
         read_mesh(path, segment=3)
