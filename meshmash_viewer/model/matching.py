@@ -1,21 +1,37 @@
-"""Requests to match the vertices and eigenfunctions of two meshes."""
+"""Two meshes whose vertices and eigenfunctions are matched, with pins at matched vertices."""
 
 from __future__ import annotations
 
+import contextlib
+import math
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+from psygnal import Signal
+
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     Comparison,
+    Correspondence,
     check_comparable,
     compare_shapes,
     corresponding_vertices,
+    matched_top,
     unit_area_spectrum,
 )
 from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.bank_columns import BankFamily
+from meshmash_viewer.io.provenance import export_options
+from meshmash_viewer.io.write import write_features
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.history import Step
+from meshmash_viewer.model.pins import Pin, pin_at
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.weyl import Target
 
 #: Features by which vertices can be matched: several columns and no required parameter.
 MATCHED_IN: dict[str, type[BankFamily]] = {
@@ -25,7 +41,7 @@ MATCHED_IN: dict[str, type[BankFamily]] = {
 }
 
 
-def as_shown(pairs: Eigenpairs) -> Eigenpairs:
+def _as_shown(pairs: Eigenpairs) -> Eigenpairs:
     """Return the eigenpairs with the displayed signs."""
     rows = pairs.rows if pairs.alignment is None else pairs.shown_rows[: len(pairs)]
     return replace(pairs, rows=rows, alignment=None, mass=pairs.vertex_areas)
@@ -65,7 +81,7 @@ class ComparisonRequest:
         first, second = self.meshes
         for mesh, spectrum in ((first, self.first), (second, self.second)):
             check_comparable(mesh.name, spectrum.n_vertices, spectrum.eigenvalues)
-        mine, other = as_shown(self.first), as_shown(self.second)
+        mine, other = _as_shown(self.first), _as_shown(self.second)
         vertices = corresponding_vertices(first, second)
         if vertices is not None:
             other = replace(other, rows=self.second.rows)  # `compare_shapes` aligns the rows
@@ -74,3 +90,256 @@ class ComparisonRequest:
             mine, other, bank, cancel, vertices,
             refine=self.refined, landmarks=self.landmarks, meshes=(first, second),
         )  # fmt: skip
+
+
+class MatchedDocuments:
+    """Two documents with a match of their vertices, and pins of the second at matched vertices.
+
+    Views connect to `changed`. `comparison_requested` is emitted with a `ComparisonRequest`; the
+    receiver calls `accept` or `give_up`.
+    """
+
+    changed = Signal()
+    comparison_requested = Signal(object)
+
+    def __init__(self, first: Document, second: Document) -> None:
+        self.first, self.second = first, second
+        #: The last comparison; None until both meshes are decomposed and compared.
+        self.comparison: Comparison | None = None
+        #: Whether the second mesh shows the field of the first, transferred by the match.
+        self.carries = False
+        #: The feature by which vertices are matched, a key of `MATCHED_IN`, and whether they are
+        #: matched by a functional map, refined by ZoomOut. To change them, use `match_by`.
+        self.matched_in, self.refined = next(iter(MATCHED_IN)), False
+        self._request: ComparisonRequest | None = None
+        #: The request whose result is `comparison`.
+        self._answered: ComparisonRequest | None = None
+        #: At the last solve of the second: eigenvectors of the first mesh, vertices of the second.
+        self._asked: tuple[Any, Any] = None, None
+        #: By pin number: the vertex pinned by the user on the second mesh, as an index in its file.
+        self._pinned: dict[int, int] = {}
+        #: The history of the first mesh before the last vertex was pinned on the second.
+        self._before: tuple[Step, ...] = ()
+        self._dragging = False
+        second.pins.matched = True
+
+    def _apply_display(self, *, everything: bool = False) -> None:
+        """Copy the display of the first mesh to the second."""
+        raise NotImplementedError
+
+    def match_by(self, feature: str | None = None, *, refined: bool | None = None) -> None:
+        """Change the given options of the match, and request another comparison."""
+        self.matched_in = self.matched_in if feature is None else feature
+        self.refined = self.refined if refined is None else refined
+        self._follow_spectra()
+
+    @property
+    def match(self) -> dict[str, Any]:
+        """Options of the match and pins of the second mesh, as a session stores them."""
+        return {
+            "feature": self.matched_in,
+            "refined": self.refined,
+            "carried": self.carries,
+            "pinned": [list(each) for each in self._pinned.items()],
+        }
+
+    @match.setter
+    def match(self, stored: dict[str, Any]) -> None:
+        if stored.get("feature") in MATCHED_IN:
+            self.matched_in = stored["feature"]
+        self.refined = stored.get("refined", False)
+        self.carries = stored.get("carried", False)
+        self._pinned = dict(stored.get("pinned", ()))
+        self._follow_spectra()
+
+    @property
+    def correspondence(self) -> Correspondence:
+        """Correspondence of lengths; after a comparison also of vertices and eigenfunctions."""
+        mesh, other, known = self.first.mesh, self.second.mesh, self.comparison
+        if mesh is None or other is None or not mesh.area > 0.0:
+            return Correspondence()
+        length = math.sqrt(other.area / mesh.area)
+        if known is None:
+            return Correspondence(length)
+        return Correspondence(length, known.forth.indices, known.functions)
+
+    @property
+    def comparing(self) -> bool:
+        """Whether a comparison is being computed."""
+        return self._request is not None and self._request is not self._answered
+
+    def accept(self, request: ComparisonRequest, comparison: Comparison) -> None:
+        """Store a comparison, if it is the result of the last request."""
+        if request is self._request:
+            self.comparison, self._answered = comparison, request
+            spectrum = self.second.spectrum
+            if comparison.given and spectrum is not None and spectrum.rows is request.second.rows:
+                rotations = comparison.functions.rotations
+                self.second.spectrum = replace(spectrum, alignment=rotations)
+                self.second.spectrum_changed.emit()
+            self._apply_display(everything=True)
+            self._follow_pins()
+            self.changed.emit()
+
+    def give_up(self, request: ComparisonRequest) -> None:
+        """Record that a comparison has failed."""
+        if request is self._request:
+            self._request = self.comparison = None
+            self.changed.emit()
+
+    def write_match(self, path: Path) -> None:
+        """Write the match of each vertex of the first on the second (`Comparison.match_table`).
+
+        May be called from any thread. `InputError` is raised if the meshes are not compared yet,
+        or the file cannot be written.
+        """
+        found, request = self.comparison, self._answered
+        if found is None or request is None:
+            raise InputError("There is no match to write: wait until the meshes are compared.")
+        pairs, (first, second) = (request.first, request.second), request.meshes
+        proofs = (
+            each.proof(mesh.unit)
+            for each, mesh in zip(pairs, (first, second), strict=True)
+            if each.certificate.method != "none"
+        )
+        solve, repairs = self.first.solve, self.first.repairs
+        options = export_options(
+            "match", pairs[0].operator or solve.operator, solve.target, "; ".join(proofs), repairs
+        )
+        if self.second.repairs:
+            options["second_repairs"] = list(self.second.repairs)
+        options["matched_in"] = MATCHED_IN[request.matched_in].export
+        if request.refined:
+            options["refined"] = {"landmarks": len(request.landmarks)}
+        write_features(path, found.match_table(second.name, second), first, meta=options)
+
+    def best_matches(self, vertex: int, count: int = 4) -> tuple[tuple[int, float], ...]:
+        """Return the best matches of a vertex of the first mesh on the second, with their scores.
+
+        The best match is first. Matches are at least 2 % of the mesh's diagonal apart.
+        """
+        mesh = self.second.mesh
+        if self.comparison is None or mesh is None:
+            return ()
+        apart = 0.02 * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        return self.comparison.best_matches(vertex, mesh.vertices, apart, count)
+
+    def _follow_job(self) -> None:
+        if self.second.work.job is None:
+            self._follow_spectra()
+
+    def _follow_spectra(self) -> None:
+        """Solve the second mesh as far as the first, then request a comparison of both."""
+        self._decompose_second()
+        first, second = self.first.spectrum, self.second.spectrum
+        before, request = self._request, None
+        if (
+            first is not None
+            and second is not None
+            and first.complete
+            and second.complete
+            and self.second.work.job is None
+        ):
+            landmarks = self.landmarks if self.refined else ()
+            request = ComparisonRequest(first, second, self.matched_in, self.refined, landmarks)
+        if before is None or request is None or not before.equals(request):
+            self._request = request
+            known = self._answered
+            if request is None or known is None or not known.same_pairs(request):
+                self.comparison = None  # kept for the same pairs until the next result
+            if request is not None:
+                self.comparison_requested.emit(request)
+        self._apply_display(everything=True)
+        self._follow_pins()
+        self.changed.emit()
+
+    def _decompose_second(self) -> None:
+        first, mesh = self.first.spectrum, self.second.mesh
+        busy = self.second.work.job is not None
+        if first is None or not first.complete or mesh is None or busy:
+            return
+        if first.rows is self._asked[0] and mesh.vertices is self._asked[1]:
+            return  # requested before, and maybe cancelled by the user
+        self._asked = first.rows, mesh.vertices
+        mine, solve = self.first.solve, self.second.solve
+        top = matched_top(_as_shown(first), mesh.area)
+        solve.operator = mine.operator
+        solve.target = Target("max_eigenvalue", top) if top > 0.0 else mine.target
+        if not solve.is_computed:
+            solve.compute()
+
+    # -- pins ---------------------------------------------------------------------------------
+
+    @property
+    def landmarks(self) -> tuple[tuple[int, int], ...]:
+        """Vertex of the first and of the second mesh for each pin that the user set on both."""
+        mine = {pin.number: pin.vertex for pin in self.first.pins.placed}
+        return tuple(
+            (mine[pin.number], pin.vertex)
+            for pin in self.second.pins.placed
+            if pin.number in self._pinned and pin.number in mine
+        )
+
+    def pin_second(self, vertex: int) -> None:
+        """Pin a vertex of the second mesh and its best match, or remove both pins."""
+        history, pins = self.first.history, self.first.pins
+        self._before = history.past
+        there = {pin.vertex: pin.number for pin in self.second.pins.placed}
+        match = -1 if self.comparison is None else int(self.comparison.back.indices[vertex])
+        if vertex in there:
+            pins.toggle(next(p.vertex for p in pins.placed if p.number == there[vertex]))
+        elif match >= 0:
+            mine = {pin.vertex: pin.number for pin in pins.placed}
+            number = mine.get(match) or 1 + max(mine.values(), default=0)
+            assert self.second.mesh is not None
+            history.record("pin", "pins")
+            with history.paused():
+                self._pinned[number] = self.second.mesh.file_index(vertex)
+                if match in mine:
+                    self._follow_first_pins()
+                else:
+                    pins.toggle(match, number)
+
+    def revoke_pin_second(self) -> None:
+        """Revert the last `pin_second`, unless another change was recorded after it."""
+        past = self.first.history.past
+        if past and past[:-1] == self._before:
+            self.first.history.revoke()
+
+    def drag_second(self, vertex: int, to: int) -> None:
+        """Move a pin of the second mesh; all moves until `drop_second` are one change."""
+        pin, mesh = pin_at(self.second.pins.placed, vertex), self.second.mesh
+        if pin is not None and mesh is not None:
+            if not self._dragging:
+                self._dragging = True
+                self.first.history.record("move of a pin", "second pins")
+            self._pinned[pin.number] = mesh.file_index(to)
+            self._follow_pins()
+
+    def drop_second(self) -> None:
+        """End the change that `drag_second` began, and repeat the match with the new landmark."""
+        self._dragging = False
+        self._follow_first_pins()
+
+    def _follow_first_pins(self) -> None:
+        self._follow_pins()
+        if self.refined:
+            self._follow_spectra()  # the landmarks have changed
+
+    def _follow_pins(self) -> None:
+        """Pin the best match of each pin of the first mesh on the second, under the same number."""
+        numbers = {pin.number for pin in self.first.pins.placed}
+        self._pinned = {number: at for number, at in self._pinned.items() if number in numbers}
+        found = ((pin, self._place_of(pin)) for pin in self.first.pins.placed)
+        pins = tuple(replace(pin, vertex=at) for pin, at in found if at is not None)
+        if pins != self.second.pins.placed:
+            self.second.pins.put(pins)
+            self.changed.emit()
+
+    def _place_of(self, pin: Pin) -> int | None:
+        """Return the vertex of the second mesh for a pin: set by the user, or the best match."""
+        index, mesh = self._pinned.get(pin.number), self.second.mesh
+        if index is not None and mesh is not None:
+            with contextlib.suppress(InputError):  # a repair removed the vertex
+                return mesh.vertex_of(index)
+        return self.correspondence.vertex(pin.vertex)
