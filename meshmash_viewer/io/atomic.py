@@ -61,24 +61,13 @@ def persistently(act: Callable[[], _T]) -> _T:
 
 
 def discard(*paths: Path) -> None:
-    """Delete files, retrying for up to a second.
+    """Delete files, retrying each for up to a second.
 
     Errors are ignored, so that an undeletable file does not fail a finished operation.
     """
-    deadline = time.monotonic() + _PATIENCE
-    left = list(paths)
-    while left:
-        refused = []
-        for path in left:
-            try:
-                path.unlink(missing_ok=True)
-            except PermissionError:
-                refused.append(path)
-            except OSError:
-                continue  # the disk is not available
-        left = refused if time.monotonic() < deadline else []
-        if left:
-            time.sleep(_PAUSE)
+    for path in paths:
+        with contextlib.suppress(OSError):
+            persistently(functools.partial(path.unlink, missing_ok=True))
 
 
 @contextlib.contextmanager

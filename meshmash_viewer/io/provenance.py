@@ -109,11 +109,11 @@ def stated_columns(meta: str) -> list[str]:
 def stated_units(meta: str) -> dict[str, str]:
     """Return the unit of each column of features in a JSON text of `provenance`."""
     try:
-        options = json.loads(meta)["options"]
+        options = _stated(meta, "options")
         unit, maps = str(options.get("values_unit", "")), options.get("maps", {})
         units = dict.fromkeys(stated_columns(meta), unit) | {"component": ""}
         units |= {name: str(about["unit"]) for name, about in maps.items()}
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (KeyError, TypeError, AttributeError):
         return {}
     return {name: printable(each, 30) for name, each in units.items()}
 
@@ -134,9 +134,9 @@ def stated_labels(meta: str) -> tuple[Label, ...]:
 def stated_map_labels(meta: str) -> dict[str, tuple[Label, ...]]:
     """Return the labels of each map among the columns in a JSON text of `provenance`."""
     try:
-        maps = json.loads(meta)["options"]["maps"]
+        maps = _stated(meta, "options")["maps"]
         return {name: _as_labels(about["labels"]) for name, about in maps.items()}
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (KeyError, TypeError, AttributeError):
         return {}
 
 

@@ -127,7 +127,7 @@ def test_a_part_that_stays_ends_nothing(
 
 
 @pytest.mark.parametrize("times", [0, 1, 2, FOREVER])
-def test_many_files_are_discarded_within_the_time_of_one(
+def test_a_blocked_file_does_not_keep_the_others(
     times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, patience: float
 ) -> None:
     paths = [tmp_path / name for name in "abcdef"]
