@@ -274,7 +274,7 @@ class Mesh(Triangles):
         kept = np.asarray(mask)
         if kept.dtype != np.bool_ or kept.shape != (self.n_vertices,):
             raise InputError(
-                f"A mask is {self.n_vertices:,} bools, one a vertex, not {kept.dtype} of shape"
+                f"A mask is {self.n_vertices:,} bools, one per vertex, not {kept.dtype} of shape"
                 f" {kept.shape}: make one with a comparison such as labels == 2, or from indices"
                 " with np.isin(np.arange(n), indices)."
             )

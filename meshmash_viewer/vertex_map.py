@@ -250,7 +250,7 @@ def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> np
     if values.dtype.kind not in "fiub":
         raise InputError(f"Map {name!r} has text where numbers should be: leave it out.")
     if values.ndim != 1 or not len(values):
-        raise InputError(f"Map {name!r} has shape {values.shape}: give one number a vertex.")
+        raise InputError(f"Map {name!r} has shape {values.shape}: give one number per vertex.")
     if labels:
         if values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
             raise InputError(f"Map {name!r} has labels that are no whole numbers: export it again.")

@@ -79,7 +79,7 @@ def test_stray_vertices_are_left_out(mesh) -> None:
     found = mv.map_spectrum(pairs, np.append(mesh.vertices[:, 0], 1e6))
     assert found.share(4) == pytest.approx(1.0, abs=1e-3), "x is one of the first three waves"
     assert mv.dominant_bands(found, pairs.rows)[-1] == -1
-    with pytest.raises(InputError, match="one number a vertex"):
+    with pytest.raises(InputError, match="one number per vertex"):
         mv.map_spectrum(pairs, np.ones(3))
 
 

@@ -99,7 +99,7 @@ def test_the_store_distinguishes_masks() -> None:
 @pytest.mark.parametrize(
     ("mask", "sentence"),
     [
-        (np.ones(5, dtype=bool), r"162 bools, one a vertex, not bool of shape \(5,\)"),
+        (np.ones(5, dtype=bool), r"162 bools, one per vertex, not bool of shape \(5,\)"),
         (np.ones(162), "not float64"),
         (np.zeros(162, dtype=bool), "0 vertices and no whole face"),
         (np.arange(162) == 3, "1 vertex and no whole face"),

@@ -245,7 +245,7 @@ def test_bad_labels_get_one_sentence() -> None:
         (np.ones(5), "'labels' has 5 values and the mesh 162 vertices"),
         (np.full(162, 0.5), "'labels' has values that are no whole numbers"),
         (np.zeros(162), "'labels' has no vertex with a label"),
-        (np.array(["a"] * 162), "Labels are one whole number a vertex"),
+        (np.array(["a"] * 162), "Labels are one whole number per vertex"),
         (np.arange(162), "no face whose three corners have the same label"),
     ]
     for labels, message in cases:

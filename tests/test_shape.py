@@ -45,7 +45,7 @@ def test_all_eigenvectors_rebuild_every_function(neuron, whole_neuron, rng):
 def test_projections_of_a_wrong_shape_are_refused(neuron, whole_neuron):
     vectors, mass = whole_neuron.eigenvectors, whole_neuron.mass
     n, k = vectors.shape
-    with pytest.raises(InputError, match="one number a vertex"):
+    with pytest.raises(InputError, match="one number per vertex"):
         spectral_coefficients(vectors, mass, np.ones(n - 1))
     with pytest.raises(InputError, match="or its diagonal"):
         spectral_coefficients(vectors, mass[:-1], np.ones(n))
@@ -186,7 +186,7 @@ def test_matching_refuses_what_does_not_fit():
         match_features(np.full((4, 3), np.nan), np.ones((4, 3)))
     with pytest.raises(InputError, match="share"):
         match_features(np.ones((4, 3)), np.ones((4, 3)), quantile=10)
-    with pytest.raises(InputError, match="one row a vertex"):
+    with pytest.raises(InputError, match="one row per vertex"):
         match_features(np.ones(4), np.ones((4, 3)))
 
 

@@ -110,7 +110,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " Laplacian, a share of the mean edge length, default 1e-5", default=1e-5),
     "--jobs": _takes(whole(1), "J", "number of processes; default: as many as fit into memory"),
     "--scheduler": _takes(_scheduler, "ADDRESS", "compute on the workers of this Dask scheduler,"
-        " one task a mesh (the pieces of a single one), or by N processes with local:N; writes a"
+        " one task per mesh (the pieces of a single one), or by N processes with local:N; writes a"
         " manifest next to the results"),
     "--n-components": _takes(whole(1), "N"),
     "--tail": {

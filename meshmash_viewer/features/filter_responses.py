@@ -168,7 +168,7 @@ def checked_coefficients(returned: npt.ArrayLike, eigenvalues: FloatArray) -> Fl
     if coefficients.ndim != 2 or coefficients.shape[1] != k:
         raise InputError(
             f"The filter returned shape {given.shape} for {k} eigenvalues: it has to return one "
-            "row of coefficients a filter, shape (n_filters, n_eigenvalues)."
+            "row of coefficients per filter, shape (n_filters, n_eigenvalues)."
         )
     bad = np.argwhere(~np.isfinite(coefficients))
     if len(bad):

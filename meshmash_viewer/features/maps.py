@@ -184,7 +184,7 @@ def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
         given = given.values
     if hasattr(given, "tocsr") or callable(given):
         raise InputError(
-            f"A map is an array of one number a vertex, {wanted}, not of type "
+            f"A map is an array of one number per vertex, {wanted}, not of type "
             f"{type(given).__name__}: check the order of the arguments."
         )
     try:
@@ -193,9 +193,9 @@ def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
             raise TypeError
         values = array.astype(np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"A map has one real number a vertex: {wanted}.") from None
+        raise InputError(f"A map has one real number per vertex: {wanted}.") from None
     if values.ndim not in ((1, 2) if columns else (1,)) or len(values) != n:
-        raise InputError(f"A map has one number a vertex: {wanted}, not {values.shape}.")
+        raise InputError(f"A map has one number per vertex: {wanted}, not {values.shape}.")
     return values
 
 

@@ -215,7 +215,7 @@ class ProjectedPoints:
             if values.shape != (self.mesh.n_vertices,):
                 raise InputError(
                     f"Labels of shape {values.shape} do not fit {self.mesh.n_vertices:,} vertices:"
-                    " give one a vertex."
+                    " give one per vertex."
                 )
             names, groups = np.unique(values, return_inverse=True)
             if names.dtype.kind == "f" and np.array_equal(names, np.rint(names)):

@@ -246,7 +246,7 @@ def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
     raw = np.asarray(given.values if isinstance(given, VertexMap) else given)
     if raw.dtype.kind not in "biuf" or raw.ndim != 1:
         raise InputError(
-            f"Labels are one whole number a vertex, not {raw.dtype} of shape {raw.shape}."
+            f"Labels are one whole number per vertex, not {raw.dtype} of shape {raw.shape}."
         )
     numbers = np.nan_to_num(raw) if raw.dtype.kind == "f" else raw
     if not np.array_equal(numbers, np.rint(numbers)):

@@ -369,7 +369,7 @@ def feature_distance(
 def _values(features: FeaturesLike) -> FloatArray:
     values = np.asarray(features, dtype=np.float64)
     if values.ndim != 2:
-        raise InputError(f"Features have one row a vertex, shape (n, f), not {values.shape}.")
+        raise InputError(f"Features have one row per vertex, shape (n, f), not {values.shape}.")
     return values
 
 

@@ -149,7 +149,7 @@ class Text(Kind):
         try:
             self.check(str(value))
         except ValueError as fault:
-            wanted = self.expected or f"another one, as this fails: {str(fault).rstrip('.')}"
+            wanted = self.expected or f"a valid text, but: {str(fault).rstrip('.')}"
             raise Refused(wanted, value) from fault
         return str(value)
 

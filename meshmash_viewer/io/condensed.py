@@ -106,7 +106,7 @@ def condensed_columns(
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not len(values):
         raise InputError(f"has X of shape {values.shape}, not a row for each domain")
     if labels.ndim != 1 or labels.dtype.kind not in "iu" or not len(labels):
-        raise InputError(f"has labels of shape {labels.shape}, not a whole number a vertex")
+        raise InputError(f"has labels of shape {labels.shape}, not a whole number per vertex")
     low, high = int(labels.min()), int(labels.max())
     if low < -1 or high > len(values) - 2:
         raise InputError(

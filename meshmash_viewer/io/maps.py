@@ -246,7 +246,7 @@ def maps_and_remarks(
         if "not installed" in text:
             raise InputError(f"{path} {text}.") from fault
         clause = (
-            misnamed(path, path.suffix.lower()) or f"{text}; give a file with one number a vertex"
+            misnamed(path, path.suffix.lower()) or f"{text}; give a file with one number per vertex"
         )
         raise InputError(f"{path} {clause}.") from fault
     except PermissionError as fault:

@@ -92,7 +92,7 @@ def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
             f"An MP4 has an even width and height, and {width}x{height} are not: take {even}."
         )
     if ending == ".webp" and max(size) > _LARGEST_WEBP:
-        raise InputError(f"A WebP has at most {_LARGEST_WEBP} pixels a side: make it smaller.")
+        raise InputError(f"A WebP has at most {_LARGEST_WEBP} pixels per side: make it smaller.")
 
 
 def missing_encoder(ending: str) -> str:

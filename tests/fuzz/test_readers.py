@@ -65,7 +65,7 @@ def test_the_seeds_are_sound(fresh: ProcessPoolExecutor, folder: Path) -> None:
     found = fresh.submit(_numbers_of_faces, folder).result()
     surface = found.pop("freesurfer lh.sphere")  # values per vertex, no surface
     assert isinstance(surface, str)
-    assert "one number a vertex" in surface
+    assert "one number per vertex" in surface
     assert [name for name, faces in found.items() if isinstance(faces, str) or faces < 2] == []
 
 

@@ -417,7 +417,7 @@ def test_nodes_that_have_no_place(children: list[list[int]], tmp_path: Path) -> 
     mesh = scene.tetrahedron()
     for at, each in enumerate(children):
         scene.node(root=at == 0, mesh=mesh, children=each)
-    with pytest.raises(InputError, match=r"names its node \d twice"):
+    with pytest.raises(InputError, match=r"contains its node \d twice"):
         read(scene, tmp_path)
 
 

@@ -237,7 +237,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "volume.npy": (lambda path: np.save(path, np.ones((2, 3, 4))), r"shape \(2, 3, 4\)"),
     "objects.npy": (
         lambda path: np.save(path, np.array([{}] * N), allow_pickle=True),
-        r"has an array of Python objects; give a file with one number a vertex",
+        r"has an array of Python objects; give a file with one number per vertex",
     ),
     "words.csv": (lambda path: path.write_text("a\n" + "b\n" * N), r"no column of numbers"),
     "twice.csv": (
@@ -254,7 +254,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "mesh.surf.gii": (
         lambda path: gifti(path, "NIFTI_INTENT_POINTSET", MESH.vertices.astype(np.float32)),
-        r"one number a vertex",
+        r"one number per vertex",
     ),
     "notes.txt": (lambda path: path.write_text("hello"), r"ending \(\.txt\)"),
     "volume.mgh": (

@@ -576,7 +576,7 @@ def test_freesurfer_quadrangles(magic: bytes, tmp_path: Path) -> None:
 def test_numbers_on_a_freesurfer_surface_are_no_surface(tmp_path: Path) -> None:
     path = tmp_path / "lh.thickness"
     path.write_bytes(b"\xff\xff\xff" + struct.pack(">iii5f", 5, 6, 1, 1, 2, 3, 4, 5))
-    assert "one number a vertex" in fault_of(path)
+    assert "one number per vertex" in fault_of(path)
 
 
 # Bad input: one sentence names the file, the fault and the remedy.

@@ -52,7 +52,7 @@ def freesurfer_values(path: Path) -> RawMesh:
     from nibabel.freesurfer.io import read_morph_data
 
     if freesurfer_kind(path) != "values":
-        raise InputError("does not begin like a FreeSurfer file of one number a vertex")
+        raise InputError("does not begin like a FreeSurfer file of one number per vertex")
     read: Any = read_morph_data
     unit = _UNITS.get(path.suffix.lower(), "")
     return maps_alone([RawMap("", np.asarray(read(str(path)), dtype=np.float32), unit=unit)])
@@ -106,7 +106,7 @@ def read_freesurfer(path: Path) -> RawMesh:
             " the surface that it was cut from."
         )
     if kind == "values":
-        raise InputError("holds one number a vertex, such as a curvature or thickness, no surface")
+        raise InputError("holds one number per vertex, such as a thickness, and no surface")
     if not kind:
         raise InputError("does not begin like a FreeSurfer surface")
     content = path.read_bytes()

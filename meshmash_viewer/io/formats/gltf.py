@@ -116,7 +116,7 @@ class _Scene:
         while left:
             index, above = left.pop()
             if index in seen:
-                raise InputError(f"names its node {printable(index, 20)} twice, so it has no place")
+                raise InputError(f"contains its node {printable(index, 20)} twice in its scene")
             seen.add(index)
             node = self._file.entry("nodes", index)
             matrix = above @ _matrix(node)

@@ -131,7 +131,7 @@ def npy_maps(path: Path) -> RawMesh:
     except ValueError as fault:
         raise _of_objects("an array", fault) or fault from fault
     if values.ndim not in (1, 2):
-        raise InputError(f"has shape {values.shape}, which is not one number a vertex")
+        raise InputError(f"has shape {values.shape}, which is not one number per vertex")
     if values.dtype.names and values.ndim == 1:
         return maps_alone(RawMap(name, values[name].copy()) for name in values.dtype.names)
     if values.ndim == 1:
@@ -163,7 +163,7 @@ def npz_maps(path: Path) -> RawMesh:
         maps, said = tuple(_maps(archive)), _said(archive)
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
-        raise InputError(f"holds {names}, of which none has one number a vertex")
+        raise InputError(f"holds {names}, of which none has one number per vertex")
     return maps_alone(maps, meta=said)
 
 
