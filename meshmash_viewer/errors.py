@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+
 #: Names of packages that differ from the imported module.
 _PACKAGES = {
     "PIL": "pillow", "PySide6": "PySide6-Essentials", "vtkmodules": "vtk",
@@ -94,6 +96,13 @@ def not_installed(module: str, extra: str = "") -> str:
     package = _PACKAGES.get(module, module)
     remedy = f'"meshmash-viewer[{extra}]"' if extra else package
     return f"{package}, which is not installed: pip install {remedy}"
+
+
+def require(subject: str, extra: str, *modules: str) -> None:
+    """Raise `InputError` if a module is not installed; `subject` is such as "Domains need"."""
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise InputError(f"{subject} {not_installed(module, extra)}.")
 
 
 def missing_module(fault: BaseException) -> str:

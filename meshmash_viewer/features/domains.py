@@ -5,13 +5,15 @@ Domains are numbered from 0; vertices in no domain have the label -1. Tables are
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer import errors
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, not_installed
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, side_codes
@@ -24,15 +26,8 @@ NODE_COLUMNS = ("x", "y", "z", "area", "n_vertices", "component_area", "componen
 EDGE_COLUMNS = ("source", "target", "boundary_length", "count", "edge_length")
 #: Column of nodes: the distance from a given point.
 NUCLEUS_COLUMN = "distance_to_nucleus"
-
-
-def require(*modules: str) -> None:
-    """Raise `InputError` if one of the packages `modules` is not installed."""
-    from importlib.util import find_spec
-
-    for module in modules:
-        if find_spec(module) is None:
-            raise InputError(f"Domains need {not_installed(module, 'neuro')}.")
+#: Function that raises `InputError` if one of its modules is not installed.
+require = functools.partial(errors.require, "Domains need", "neuro")
 
 
 def checked_labels(labels: npt.ArrayLike, n_vertices: int) -> IntArray:

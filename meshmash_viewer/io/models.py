@@ -6,13 +6,12 @@ import datetime
 import json
 import zipfile
 from importlib import metadata
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, printable, require
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.read import check_file
 from meshmash_viewer.learn import KINDS
@@ -34,7 +33,7 @@ _VERSIONS = ("scikit-learn", "skops", "numpy")
 
 def check_model_path(path: str | Path) -> None:
     """Raise `InputError` if a path is not a possible file of a model."""
-    _require_skops()
+    require("Files of models need", "learn", "skops", "sklearn")
     path = Path(path)
     if path.suffix.lower() != MODEL_ENDING:
         raise InputError(f"{path} is not the name of a model; give it the ending {MODEL_ENDING}.")
@@ -131,41 +130,25 @@ def read_classes(path: str | Path) -> ClassModel:
     is no model of classes: choose one that `train` has written.
     """
     path = Path(path)
-    _require_skops()
+    require("Files of models need", "learn", "skops", "sklearn")
     check_file(path)
     card = _card(path)
     _check_versions(path, card)
+    from skops import io
+
     try:
-        columns = ClassColumns.from_plain(card["columns"])
-        classes = tuple(Label(int(each["key"]), str(each["name"]), str(each["color"]))
-                        for each in card["classes"])  # fmt: skip
-        kind, scores = str(card["classifier"]), card["scores"]
-        importance = np.array(card["importance"], dtype=np.float64)
-        if list(columns.names) != card["column_names"] or len(importance) != len(columns.names):
-            raise ValueError("its columns do not agree")
-        classifier = _classifier(path, kind, len(columns.names), len(classes))
-        return ClassModel(
-            classifier,
-            kind,
-            columns,
-            classes,
-            importance,
-            float(card["smoothing"]),
-            tuple(dict(each) for each in card["meshes"]),
-            None if scores is None else _scores(scores),
-            str(card["unscored"]),
-            dict(card["about"]),
-        )
-    except _Unacceptable as fault:
-        raise InputError(str(fault)) from fault
+        unknown = sorted(set(io.get_untrusted_types(file=path)) - {_CHECKED})
+        model = None if unknown else _model(path, card)
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError) as fault:
         raise InputError(
             f"{path} is a damaged model ({printable(fault)}): copy it again, or train another one."
         ) from fault
-
-
-class _Unacceptable(Exception):
-    """Error of a model that cannot be used; the message is for the user."""
+    if model is None:
+        raise InputError(
+            f"{path} holds {printable(', '.join(unknown))}, which is no part of a model of classes:"
+            " it is not loaded; get it from whom you trust, or train it again."
+        )
+    return model
 
 
 def _card(path: Path) -> dict[str, Any]:
@@ -201,16 +184,28 @@ def _check_versions(path: Path, card: dict[str, Any]) -> None:
         )
 
 
+def _model(path: Path, card: dict[str, Any]) -> ClassModel:
+    columns = ClassColumns.from_plain(card["columns"])
+    classes = tuple(Label(int(each["key"]), str(each["name"]), str(each["color"]))
+                    for each in card["classes"])  # fmt: skip
+    kind, names, scores = str(card["classifier"]), list(columns.names), card["scores"]
+    importance = np.array(card["importance"], dtype=np.float64)
+    if names != card["column_names"] or len(importance) != len(names):
+        raise ValueError("its columns do not agree")
+    classifier = _classifier(path, kind, len(names), len(classes))
+    meshes = tuple(dict(each) for each in card["meshes"])
+    return ClassModel(
+        classifier, kind, columns, classes, importance, float(card["smoothing"]), meshes,
+        None if scores is None else ClassScores.from_plain(scores), str(card["unscored"]),
+        dict(card["about"]),
+    )  # fmt: skip
+
+
 def _classifier(path: Path, kind: str, n_columns: int, n_classes: int) -> Any:
     """Load the classifier, and check its indices, which its compiled code does not check."""
     from sklearn.ensemble import VotingClassifier
     from skops import io
 
-    if unknown := sorted(set(io.get_untrusted_types(file=path)) - {_CHECKED}):
-        raise _Unacceptable(
-            f"{path} holds {printable(', '.join(unknown))}, which is no part of a model of classes:"
-            " it is not loaded; get it from whom you trust, or train it again."
-        )
     loaded = io.load(path, trusted=[_CHECKED])
     parts = [(kind, loaded)]
     if kind == "ensemble" and type(loaded) is VotingClassifier and loaded.voting == "soft":
@@ -253,17 +248,3 @@ def _is_sound(tree: Any, n_columns: int, n_classes: int) -> bool:
         and tree.n_features == n_columns
         and tree.value.shape == (len(nodes), 1, n_classes)
     )
-
-
-def _scores(entries: dict[str, Any]) -> ClassScores:
-    names = tuple(map(str, entries["classes"]))
-    confusion = np.array(entries["confusion"], dtype=np.float64).reshape(len(names), len(names))
-    return ClassScores(names, confusion, str(entries["left_out"]), int(entries["folds"]))
-
-
-def _require_skops() -> None:
-    if find_spec("skops") is None or find_spec("sklearn") is None:
-        raise InputError(
-            "Files of models need skops, which is not installed:"
-            ' pip install "meshmash-viewer[learn]".'
-        )

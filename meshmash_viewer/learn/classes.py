@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, require
 from meshmash_viewer.features.domains import checked_labels, domain_means
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.features.sums import Features
@@ -29,7 +29,7 @@ from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.units import counted
-from meshmash_viewer.vertex_map import Label, VertexMap
+from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
 
 #: Minimum number of labelled vertices of a class.
 _LEAST = 5
@@ -206,20 +206,21 @@ def train_classes(
     >>> model.names, len(model.importance)
     (('cap', 'side'), 48)
     """
-    _require_packages()
+    require("Learning classes needs", "learn", "sklearn")
     if classifier not in CLASSIFIERS:
-        names = ", ".join(CLASSIFIERS)
-        raise InputError(f"There is no classifier {classifier!r}: the classifiers are {names}.")
+        raise InputError(
+            f"There is no classifier {classifier!r}: the classifiers are {', '.join(CLASSIFIERS)}."
+        )
     if not 0.0 <= smoothing < np.inf:
         raise InputError(f"smoothing is {smoothing:g}: give a length, or 0 for none.")
-    many = not isinstance(labels, VertexMap)
-    given = [as_mesh(each) for each in meshes] if many else [as_mesh(meshes)]
-    sets = list(labels) if not isinstance(labels, VertexMap) else [labels]
-    known = _listed(pairs, many, len(given))
-    done = _listed(features, many, len(given))
-    if len(sets) != len(given) or not given:
+    several: list[Any] = [meshes, labels, pairs, features]
+    if isinstance(labels, VertexMap):
+        several = [[each] for each in several]
+    given, sets = [as_mesh(each) for each in several[0]], list(several[1])
+    known, done = (list(each or [None] * len(given)) for each in several[2:])
+    if not len(given) == len(sets) == len(known) == len(done) > 0:
         said = f"{counted(len(given), 'mesh')} and {counted(len(sets), 'set')} of labels"
-        raise InputError(f"There are {said}: give each mesh its own.")
+        raise InputError(f"There are {said}: give each mesh its own, and its own results.")
     sets = [
         mesh.with_maps(label_map(each)).maps[-1] for mesh, each in zip(given, sets, strict=True)
     ]
@@ -240,14 +241,13 @@ def train_classes(
         found if found is not None else columns.compute(mesh, own, progress=progress, cancel=cancel)
         for mesh, own, found in zip(given, known, done, strict=True)
     ]
-    of_classes = tuple(each.name for each in classes)
-    training = Training(given, places, tables, columns, of_classes, classifier, smoothing, cancel)
+    names = tuple(each.name for each in classes)
+    training = Training(given, places, tables, columns, names, classifier, smoothing, cancel)
     fitted = training.fitted(np.arange(len(training.places)), progress)
-    importance = importance_of(fitted, classifier)
     scores, unscored = training.scores(progress) if scored else (None, "")
     return ClassModel(
-        fitted, classifier, columns, classes, importance, smoothing, training.described(),
-        scores, unscored,
+        fitted, classifier, columns, classes, importance_of(fitted, classifier), smoothing,
+        training.meshes_plain, scores, unscored,
     )  # fmt: skip
 
 
@@ -310,13 +310,13 @@ def predict_classes(
         )
     else:
         known = checked_labels(domains, mesh.n_vertices)
-        means = domain_means(np.asarray(given, dtype=np.float64), known, mesh.vertex_areas)[1:]
-        whole = np.isfinite(means).all(axis=1)
-        of_domains = np.full((len(means) + 1, len(model.classes)), np.nan)  # the last is no domain
-        of_domains[:-1][whole] = probabilities(
+        means = domain_means(np.asarray(given, dtype=np.float64), known, mesh.vertex_areas)
+        whole = np.isfinite(means).all(axis=1)  # not the first row, of no domain
+        of_domains = np.full((len(means), len(model.classes)), np.nan)
+        of_domains[whole] = probabilities(
             model.classifier, means[whole].astype(given.dtype), progress, cancel
         )
-        values = of_domains[known]
+        values = of_domains[known + 1]
     keys = np.array([each.key for each in model.classes])
     none = 0 if 0 not in keys else int(keys.min()) - 1
     best = np.nan_to_num(values, nan=-1.0).argmax(axis=1)
@@ -361,12 +361,10 @@ def _classes_of(sets: Sequence[VertexMap]) -> tuple[tuple[Label, ...], list[IntA
     places = []
     for known in sets:
         place = np.full(known.n_vertices, -1, dtype=np.int64)
-        for each in known.labels:
-            own = known.values == each.key
-            if own.any():
-                label = named.get(each.key, each) if each.name == str(each.key) else each
-                found.setdefault(label.name, label)
-                place[own] = list(found).index(label.name)
+        for each in labels_in_use(known.labels, known.values):
+            label = named.get(each.key, each) if each.name == str(each.key) else each
+            found.setdefault(label.name, label)
+            place[known.values == each.key] = list(found).index(label.name)
         places.append(place)
     classes: list[Label] = []
     for each in found.values():
@@ -377,34 +375,12 @@ def _classes_of(sets: Sequence[VertexMap]) -> tuple[tuple[Label, ...], list[IntA
 
 
 def _check_classes(places: IntArray, classes: Sequence[Label]) -> None:
-    counts = np.bincount(places[places >= 0], minlength=len(classes))
     if len(classes) < 2:
-        only = (
-            f"All labelled vertices are {classes[0].name!r}" if classes else "No vertex is labelled"
-        )
-        raise InputError(f"{only}: label some of at least two classes.")
-    for each, count in zip(classes, counts, strict=True):
-        if count < _LEAST:
+        only = "".join(f"All labelled vertices are {each.name!r}" for each in classes)
+        raise InputError(f"{only or 'No vertex is labelled'}: label some of at least two classes.")
+    for place, each in enumerate(classes):
+        if (count := int(np.count_nonzero(places == place))) < _LEAST:
             raise InputError(
-                f"Class {each.name!r} has {counted(int(count), 'vertex')} on the surface: label at"
-                f" least {_LEAST}."
+                f"Class {each.name!r} has {counted(count, 'vertex')} on the surface: label at least"
+                f" {_LEAST}."
             )
-
-
-def _listed(given: Any, many: bool, count: int) -> list[Any]:
-    if given is None:
-        return [None] * count
-    found = list(given) if many else [given]
-    if len(found) != count:
-        raise InputError(f"There are {count} meshes and {len(found)} results for them: give each.")
-    return found
-
-
-def _require_packages() -> None:
-    from importlib.util import find_spec
-
-    if find_spec("sklearn") is None:
-        raise InputError(
-            "Learning classes needs scikit-learn, which is not installed:"
-            ' pip install "meshmash-viewer[learn]".'
-        )

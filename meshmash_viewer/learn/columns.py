@@ -133,31 +133,34 @@ class ClassColumns:
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each column."""
-        found: list[str] = []
-        for kind in self.kinds:
-            if kind == "curvature":
-                sizes = [f"{length:.3g}" for length in self.lengths]
-                found += [f"{name}_l={size}" for size in sizes for name in _CURVATURES]
-            else:
-                bank = self._bank(kind, np.array([0.0, self.max_eigenvalue]))
-                found += [f"log_{name}" for name in bank.columns]
-        return tuple(found)
+        return tuple(name for name, _, _ in self._columns)
 
     @property
     def kind_of_each(self) -> tuple[str, ...]:
         """Kind of each column."""
-        size = {"curvature": len(_CURVATURES) * self.n_lengths}
-        return tuple(kind for kind in self.kinds for _ in range(size.get(kind, self.n_times)))
+        return tuple(kind for _, kind, _ in self._columns)
 
     @property
     def time_of_each(self) -> FloatArray:
         """Diffusion time of each column, in squared `unit`: 1/λ for an energy, l² for a length."""
-        times = {
-            "hks": self.times,
-            "wks": np.exp(-self._energies),
-            "curvature": np.repeat(self.lengths**2, len(_CURVATURES)),
-        }
-        return np.concatenate([times[kind] for kind in self.kinds])
+        return np.array([time for _, _, time in self._columns])
+
+    @property
+    def _columns(self) -> list[tuple[str, str, float]]:
+        """Name, kind and diffusion time of each column."""
+        found: list[tuple[str, str, float]] = []
+        for kind in self.kinds:
+            if kind == "curvature":
+                found += [
+                    (f"{name}_l={length:.3g}", kind, length**2)
+                    for length in self.lengths
+                    for name in _CURVATURES
+                ]
+            else:
+                names = self._bank(kind, np.array([0.0, self.max_eigenvalue])).columns
+                times = self.times if kind == "hks" else np.exp(-self._energies)
+                found += [(f"log_{name}", kind, at) for name, at in zip(names, times, strict=True)]
+        return found
 
     def limit(self, mesh: Mesh) -> float:
         """Return the largest eigenvalue in the unit of a mesh."""
@@ -209,8 +212,10 @@ class ClassColumns:
         """
         mesh = as_mesh(mesh)
         if pairs is None or not self._reached(mesh, pairs):
-            limit, matrices = self.limit(mesh), self._matrices(mesh)
-            pairs = solve(*matrices, max_eigenvalue=limit, progress=progress, cancel=cancel)
+            pairs = solve(
+                *self.matrices(mesh), max_eigenvalue=self.limit(mesh), progress=progress,
+                cancel=cancel,
+            )  # fmt: skip
         known = self._used(mesh, pairs)
         parts = []
         for kind in self.kinds:
@@ -223,7 +228,8 @@ class ClassColumns:
         values[mesh.unreferenced] = np.nan
         return Features(values, self.names, kind="classes")
 
-    def _matrices(self, mesh: Mesh) -> tuple[SparseMatrix, FloatArray]:
+    def matrices(self, mesh: Mesh) -> tuple[SparseMatrix, FloatArray]:
+        """Return the Laplacian of a mesh, and the mass of each vertex."""
         given = self.operator
         stiffness, mass = cotangent_laplacian(mesh, given.robust, given.mollify_factor)
         return stiffness, mass.diagonal()
@@ -296,7 +302,7 @@ class ClassColumns:
         given = np.concatenate([places, normals, np.nan_to_num(np.stack(bends, 1)), known], axis=1)
         if len(mesh.unreferenced):
             rows = np.nan_to_num(rows)
-        stiffness, mass = self._matrices(mesh)
+        stiffness, mass = self.matrices(mesh)
         smooth, columns, spectrum = given, [], None
         for at, length in enumerate(self.lengths):
             if progress is not None:
@@ -339,8 +345,8 @@ def _centroid(mesh: Mesh) -> FloatArray:
 
 def _outwards(mesh: Mesh) -> float:
     """Return 1, or -1 if the normals point inwards, by the sign of the enclosed volume."""
-    a, b, c = (mesh.vertices[mesh.faces[:, at]] - _centroid(mesh) for at in range(3))
-    return -1.0 if float(np.einsum("ij,ij->", a, np.cross(b, c))) < 0.0 else 1.0
+    corners = (mesh.vertices - _centroid(mesh))[mesh.faces]
+    return -1.0 if np.linalg.det(corners).sum() < 0.0 else 1.0
 
 
 def diffused(
@@ -359,7 +365,6 @@ def diffused(
     """
     weights = np.where(mass > 0.0, mass, 1.0)[:, None]
     system = (sparse.diags_array(weights[:, 0]) + length**2 * stiffness).tocsr()
-    inverse = 1.0 / system.diagonal()[:, None]
     size = np.linalg.norm(weights * values, axis=0)
     size[size == 0.0] = 1.0
     shape, n = values.shape, values.size
@@ -374,7 +379,7 @@ def diffused(
         ((values if start is None else start) / size).ravel(),
         rtol=_TOLERANCE / math.sqrt(shape[1]),  # holds for each function, as all have one norm
         maxiter=_STEPS,
-        M=LinearOperator((n, n), lambda x: (inverse * x.reshape(shape)).ravel(), dtype=np.float64),
+        M=sparse.diags_array(np.repeat(1.0 / system.diagonal(), shape[1])),
     )
     if failed:
         raise InputError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,6 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray, blocks
 from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
 from meshmash_viewer.features.sums import Features
-from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.learn.columns import ClassColumns, diffused
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
@@ -87,6 +86,13 @@ class ClassScores:
             "weighted_f1": self.weighted_f1,
         }
 
+    @classmethod
+    def from_plain(cls, entries: dict[str, Any]) -> Self:
+        """Create scores from the result of `plain`."""
+        names = tuple(map(str, entries["classes"]))
+        confusion = np.array(entries["confusion"], dtype=np.float64).reshape(len(names), len(names))
+        return cls(names, confusion, str(entries["left_out"]), int(entries["folds"]))
+
 
 class Training:
     """Labelled vertices of all meshes, with their columns.
@@ -107,7 +113,18 @@ class Training:
     ) -> None:
         self.meshes, self.tables, self.columns, self.kind = meshes, tables, columns, kind
         self.smoothing, self.cancel, self.names = smoothing, cancel, names
-        self.counts = [int(np.count_nonzero(each >= 0)) for each in places]
+        #: The meshes as JSON values.
+        self.meshes_plain = tuple(
+            {
+                "name": mesh.name,
+                "hash": mesh.content_hash,
+                "unit": mesh.unit,
+                "n_vertices": mesh.n_vertices,
+                "n_left_out": len(mesh.unreferenced),
+                "n_labelled": int(np.count_nonzero(each >= 0)),
+            }
+            for mesh, each in zip(meshes, places, strict=True)
+        )
         starts = np.cumsum([0, *map(len, places)])
         known = np.concatenate(places)
         rows = np.flatnonzero(known >= 0)  # indices among the vertices of all meshes
@@ -116,30 +133,17 @@ class Training:
         self.of_mesh = np.searchsorted(starts, rows, side="right") - 1
         self.vertex = rows - starts[self.of_mesh]
         self.places = known[rows]
-        stroke = [
-            _strokes(mesh, each) + start
-            for mesh, each, start in zip(meshes, places, starts[:-1], strict=True)
-        ]
+        # a stroke is a connected part of a class
+        tails = np.concatenate([mesh.faces + at for mesh, at in zip(meshes, starts, strict=False)])
+        tips = np.roll(tails, -1, axis=1)
+        same = known[tails] == known[tips]
+        self.stroke = connected(tails[same], tips[same], len(known))[rows]
         areas = [mesh.vertex_areas / columns.scale(mesh) ** 2 for mesh in meshes]
-        self.stroke, self.areas = np.concatenate(stroke)[rows], np.concatenate(areas)[rows]
+        self.areas = np.concatenate(areas)[rows]
         self.values = np.concatenate(
             [table.values[self.vertex[self.of_mesh == i]] for i, table in enumerate(tables)]
         )
         _check_columns(self.values, tables[0].columns, of_mesh(meshes[0].name))
-
-    def described(self) -> tuple[dict[str, Any], ...]:
-        """Return the meshes as JSON values."""
-        return tuple(
-            {
-                "name": mesh.name,
-                "hash": mesh.content_hash,
-                "unit": mesh.unit,
-                "n_vertices": mesh.n_vertices,
-                "n_left_out": len(mesh.unreferenced),
-                "n_labelled": count,
-            }
-            for mesh, count in zip(self.meshes, self.counts, strict=True)
-        )
 
     def fitted(
         self, some: IntArray, progress: ProgressCallback | None = None, n_trees: int = _TREES
@@ -147,16 +151,18 @@ class Training:
         """Train a classifier on some of the labelled vertices."""
         check_cancelled(self.cancel)
         values, places = self.values[some], self.places[some]
-        if self.kind == "forest":
-            return self._forest(values, places, progress, n_trees)
-        if self.kind == "logistic":
-            return _regression(values, places)
+        parts = {}
+        if self.kind != "logistic":
+            parts["forest"] = self._forest(values, places, progress, n_trees)
+        if self.kind != "forest":
+            parts["logistic"] = _regression(values, places)
+        if len(parts) == 1:
+            return parts[self.kind]
         from sklearn.ensemble import VotingClassifier
         from sklearn.preprocessing import LabelEncoder
 
-        both = self._forest(values, places, progress, n_trees), _regression(values, places)
-        mean = VotingClassifier(list(zip(("forest", "logistic"), both, strict=True)), voting="soft")
-        mean.estimators_, mean.le_ = list(both), LabelEncoder().fit(places)  # instead of `fit`
+        mean = VotingClassifier(list(parts.items()), voting="soft")
+        mean.estimators_, mean.le_ = list(parts.values()), LabelEncoder().fit(places)  # as in `fit`
         mean.classes_ = mean.le_.classes_
         return mean
 
@@ -235,13 +241,6 @@ class Training:
             here = self.of_mesh[some] == at
             found[here] = values[self.vertex[some[here]]].argmax(axis=1)
         return found
-
-
-def _strokes(mesh: Mesh, places: IntArray) -> IntArray:
-    """Number the connected parts of each class, shape (n,)."""
-    tails, tips = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
-    same = places[tails] == places[tips]
-    return connected(tails[same], tips[same], mesh.n_vertices)
 
 
 def _drawn(places: IntArray, n_classes: int) -> IntArray:
@@ -326,9 +325,7 @@ def predicted(
     result = np.full((mesh.n_vertices, found.shape[1]), np.nan)
     result[used] = found
     if own:
-        options = columns.operator
-        stiffness, mass = cotangent_laplacian(mesh, options.robust, options.mollify_factor)
-        smooth = diffused(stiffness, mass.diagonal(), mesh.on_surface(result), own, cancel=cancel)
+        smooth = diffused(*columns.matrices(mesh), mesh.on_surface(result), own, cancel=cancel)
         smooth = np.clip(smooth[used], 0.0, 1.0)
         sums = smooth.sum(axis=1, keepdims=True)
         result[used] = smooth / np.where(sums > 0.0, sums, 1.0)
