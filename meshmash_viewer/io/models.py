@@ -61,10 +61,7 @@ def write_classes(path: str | Path, model: ClassModel) -> None:
 
     Examples
     --------
-    >>> parts = (mv.Label(1, "cap", "#4477aa"), mv.Label(2, "side", "#ee6677"))
-    >>> pill = mv.Mesh(ball.vertices * [1, 1, 3], ball.faces, unit="mm")
-    >>> labels = mv.VertexMap("part", np.where(pill.vertices[:, 2] > 2, 1, 2), labels=parts)
-    >>> model = mv.train_classes(pill, labels)
+    >>> model = mv.train_classes(pill, parts)
     >>> mv.write_classes(folder / "parts.skops", model)
     >>> mv.read_classes(folder / "parts.skops").names
     ('cap', 'side')

@@ -67,10 +67,7 @@ class ClassModel:
 
     Examples
     --------
-    >>> parts = (mv.Label(1, "cap", "#4477aa"), mv.Label(2, "side", "#ee6677"))
-    >>> pill = mv.Mesh(ball.vertices * [1, 1, 3], ball.faces)
-    >>> labels = mv.VertexMap("part", np.where(pill.vertices[:, 2] > 2, 1, 2), labels=parts)
-    >>> model = mv.train_classes(pill, labels)
+    >>> model = mv.train_classes(pill, parts)
     >>> model.scores, model.unscored[:23]
     (None, 'There are no scores yet')
     """
@@ -113,10 +110,7 @@ class ClassPrediction:
 
     Examples
     --------
-    >>> parts = (mv.Label(1, "cap", "#4477aa"), mv.Label(2, "side", "#ee6677"))
-    >>> pill = mv.Mesh(ball.vertices * [1, 1, 3], ball.faces)
-    >>> labels = mv.VertexMap("part", np.where(pill.vertices[:, 2] > 2, 1, 2), labels=parts)
-    >>> found = mv.predict_classes(pill, mv.train_classes(pill, labels))
+    >>> found = mv.predict_classes(pill, mv.train_classes(pill, parts))
     >>> [each.name for each in found.maps]
     ['class', 'probability of cap', 'probability of side', 'uncertainty']
     """
@@ -199,10 +193,7 @@ def train_classes(
 
     Examples
     --------
-    >>> parts = (mv.Label(1, "cap", "#4477aa"), mv.Label(2, "side", "#ee6677"))
-    >>> pill = mv.Mesh(ball.vertices * [1, 1, 3], ball.faces)
-    >>> labels = mv.VertexMap("part", np.where(pill.vertices[:, 2] > 2, 1, 2), labels=parts)
-    >>> model = mv.train_classes(pill, labels, "curvature")
+    >>> model = mv.train_classes(pill, parts, "curvature")
     >>> model.names, len(model.importance)
     (('cap', 'side'), 48)
     """
@@ -291,12 +282,9 @@ def predict_classes(
 
     Examples
     --------
-    >>> parts = (mv.Label(1, "cap", "#4477aa"), mv.Label(2, "side", "#ee6677"))
-    >>> pill = mv.Mesh(ball.vertices * [1, 1, 3], ball.faces)
-    >>> labels = mv.VertexMap("part", np.where(np.abs(pill.vertices[:, 2]) > 2, 1, 2), labels=parts)
-    >>> model = mv.train_classes(pill, labels, "curvature")
+    >>> model = mv.train_classes(pill, parts, "curvature")
     >>> found = mv.predict_classes(pill, model)
-    >>> bool((found.labels.values == labels.values).mean() > 0.95), len(found.maps)
+    >>> bool((found.labels.values == parts.values).mean() > 0.95), len(found.maps)
     (True, 4)
     """
     mesh = as_mesh(mesh)
