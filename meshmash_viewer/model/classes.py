@@ -129,61 +129,46 @@ class ClassesJob:
         return f"Classifying {self.mesh.name or 'the mesh'}"
 
     def run(self, channel: Channel) -> Classified:
-        try:
-            with heard_warnings() as heard:
-                model, maps = self._answered(channel)
-        except InputError as fault:
-            return Classified((), Learned(str(fault)))
-        said = _described(model) if self._scored else "Press Classify for scores."
-        columns = model.columns
-        learned = Learned(
-            " ".join([said, *heard]), self.labels.name, columns.unit, columns.names,
-            columns.kind_of_each, tuple(columns.time_of_each.tolist()),
-            tuple(model.importance.tolist()),
-        )  # fmt: skip
-        return Classified(maps, learned)
-
-    @property
-    def _scored(self) -> bool:
-        """Whether to cross-validate: not in live jobs with smoothing, where it takes too long."""
-        return not (self.live and self.options.smoothing)
-
-    def _answered(self, channel: Channel) -> tuple[ClassModel, tuple[VertexMap, ...]]:
         from meshmash_viewer.learn.classes import predict_classes, train_classes
         from meshmash_viewer.learn.columns import ClassColumns
 
         options, exact = self.options, self.pairs.exact
         exact = replace(exact, rows=exact.rows[: exact.n_components])  # without preview rows
-        columns = ClassColumns.chosen(
-            self.mesh, exact, kinds=options.kinds, operator=exact.operator or OperatorOptions()
-        )
-        features = _computed(self.mesh, columns, exact, channel)
-        model = train_classes(
-            self.mesh, self.labels, columns, options.classifier, smoothing=options.smoothing,
-            features=features, scored=self._scored, progress=channel.report,
-            cancel=channel.cancelled,
-        )  # fmt: skip
-        found = predict_classes(
-            self.mesh, model, features=features, progress=channel.report, cancel=channel.cancelled
-        )
+        callbacks: Any = {"progress": channel.report, "cancel": channel.cancelled}
+        scored = not (self.live and options.smoothing)  # which takes too long for each stroke
+        try:
+            with heard_warnings() as heard:
+                columns = ClassColumns.chosen(
+                    self.mesh, exact, kinds=options.kinds,
+                    operator=exact.operator or OperatorOptions(),
+                )  # fmt: skip
+                key = self.mesh.content_hash, columns
+                if key not in _last:
+                    computed = columns.compute(self.mesh, exact, **callbacks)
+                    _last.clear()
+                    _last[key] = computed
+                callbacks["features"] = _last[key]
+                model = train_classes(
+                    self.mesh, self.labels, columns, options.classifier,
+                    smoothing=options.smoothing, scored=scored, **callbacks,
+                )  # fmt: skip
+                found = predict_classes(self.mesh, model, **callbacks)
+        except InputError as fault:
+            return Classified((), Learned(str(fault)))
         few = len(found.probabilities) <= _MOST_PROBABILITIES
         numbers = (*(found.probabilities if few else ()), found.uncertainty)
         smaller = (replace(each, values=each.values.astype(np.float32)) for each in numbers)
-        return model, (found.labels, *smaller)
+        said = _described(model) if scored else "Press Classify for scores."
+        learned = Learned(
+            " ".join([said, *heard]), self.labels.name, columns.unit, columns.names,
+            columns.kind_of_each, tuple(columns.time_of_each.tolist()),
+            tuple(model.importance.tolist()),
+        )  # fmt: skip
+        return Classified((found.labels, *smaller), learned)
 
 
 #: Cache of the last computed columns, for repeated training after each brush stroke.
 _last: dict[tuple[str, ClassColumns], Features] = {}
-
-
-def _computed(mesh: Mesh, columns: ClassColumns, pairs: Eigenpairs, channel: Channel) -> Features:
-    key = mesh.content_hash, columns
-    found = _last.get(key)
-    if found is None:
-        found = columns.compute(mesh, pairs, progress=channel.report, cancel=channel.cancelled)
-        _last.clear()
-        _last[key] = found
-    return found
 
 
 def _described(model: ClassModel) -> str:
@@ -229,10 +214,9 @@ class Classes:
 
     @options.setter
     def options(self, options: ClassOptions) -> None:
-        if options != self._options:
-            self._options = options
-            self._follow()
-            self.changed.emit()
+        self._options = options
+        self._follow()
+        self.changed.emit()
 
     @property
     def live(self) -> bool:
@@ -241,10 +225,9 @@ class Classes:
 
     @live.setter
     def live(self, live: bool) -> None:
-        if live != self._live:
-            self._live = live
-            self._follow()
-            self.changed.emit()
+        self._live = live
+        self._follow()
+        self.changed.emit()
 
     @property
     def missing(self) -> str:

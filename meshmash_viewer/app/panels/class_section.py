@@ -34,15 +34,13 @@ _SCORES = (
 _EMPTY = "Press Classify for classes, their scores, and the importance of each column."
 #: Height of the plot in pixels.
 _HEIGHT = 150
-#: By kind of columns: its name in the legend, the name of one column, and the power of length of
-#: the quantity in which the time of the column is written.
-_KINDS = dict(
-    zip(
-        KINDS,
-        (("HKS", "HKS at", 2), ("WKS (λ = 1/t)", "WKS at", -2), ("Curvature (l = √t)", "over", 1)),
-        strict=True,
-    )
-)
+#: By kind of columns: its name, its name in the legend, the name of one column, and the power of
+#: length of the quantity in which the time of the column is written.
+_KINDS = {
+    "hks": ("HKS", "HKS", "HKS at", 2),
+    "wks": ("WKS", "WKS (λ = 1/t)", "WKS at", -2),
+    "curvature": ("Curvature", "Curvature (l = √t)", "over", 1),
+}
 #: Number of most important columns in the legend.
 _NAMED = 3
 
@@ -59,21 +57,18 @@ class ClassSection(QWidget):
             kind: make.check(
                 text, f"class_{kind}_check", f"Learn from {text}", tip=KINDS[kind].capitalize()
             )
-            for kind, text in zip(KINDS, ("HKS", "WKS", "Curvature"), strict=True)
+            for kind, (text, *_) in _KINDS.items()
         }
         for each in self.kinds.values():
             each.clicked.connect(self._choose_kinds)
         self.classifier_combo = make.combo(
-            "class_classifier_combo",
-            "Classifier",
-            lambda key: self._choose(classifier=key),
+            "class_classifier_combo", "Classifier", lambda key: self._choose(classifier=key),
             _CLASSIFIERS,
-        )
+        )  # fmt: skip
         self.smoothing_field = NumberField(
-            "class_smoothing_field",
-            "Smoothing of probabilities",
+            "class_smoothing_field", "Smoothing of probabilities",
             tip="Length over which probabilities are smoothed along the surface; 0 for none",
-        )
+        )  # fmt: skip
         self.smoothing_field.bounds = (0.0, math.inf)
         self.smoothing_field.edited.connect(lambda length: self._choose(smoothing=length))
         self.classify_button = make.button(
@@ -190,18 +185,15 @@ class ImportancePlot(Plot):
         """Return the curves and the importance of each column as series."""
         learned = self._learned
         curves = [
-            Series(_KINDS[kind][0], *sums, _color(kind)) for kind, sums in self._sums().items()
+            Series(_KINDS[kind][1], *sums, _color(kind)) for kind, sums in self._sums().items()
         ]
         each = zip(learned.names, learned.times, learned.importance, strict=True)
         return curves + [Series(name, [time], [share]) for name, time, share in each]
 
     def legend(self) -> str:
         """Return the legend and the most important columns as rich text."""
-        names = {kind: _KINDS[kind][0].replace(" ", "&nbsp;") for kind in self._curves}
-        parts = [
-            f'<span style="color:{_color(kind)}">▬</span>&nbsp;{name}'
-            for kind, name in names.items()
-        ]
+        names = ((kind, _KINDS[kind][1].replace(" ", "&nbsp;")) for kind in self._curves)
+        parts = [f'<span style="color:{_color(kind)}">▬</span>&nbsp;{name}' for kind, name in names]
         order = np.argsort(self._learned.importance)[::-1][:_NAMED]
         most = ", ".join(map(self._described, order))
         return f"{' &nbsp;'.join(parts)}<br>Most important: {most}."
@@ -209,7 +201,7 @@ class ImportancePlot(Plot):
     def _described(self, at: int) -> str:
         """Format a column with its importance: "HKS at 0.231 µm² (0.08)"."""
         learned = self._learned
-        _, place, power = _KINDS[learned.kinds[at]]
+        *_, place, power = _KINDS[learned.kinds[at]]
         size = format_quantity(learned.times[at] ** (power / 2), learned.unit, power)
         name = "" if abs(power) == 2 else f"{learned.names[at].partition('_')[0]} "
         said = f"{name}{place} {size}"
