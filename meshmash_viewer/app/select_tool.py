@@ -264,8 +264,14 @@ class SelectTool(QObject):
         self._before = self._document.selection.mask
         self._line, self._stroke = [at], None
         if self.mode == "brush":
-            self._begin_brush(mesh)
-            self._brush(at)
+            projection, away = self._scene.projection(), self._scene.renderer.away()
+            if projection is not None and self._ready():
+                self._front = projection.facing > 0.0
+                if away is not None:
+                    self._front &= ~away
+                kept = None if self._how == "replace" else self._before
+                self._stroke = np.zeros(mesh.n_vertices, np.bool_) if kept is None else kept.copy()
+                self._brush(at)
         elif self.mode == "disc":
             self._centre = self._scene.vertex_near(at.x(), at.y())
 
@@ -295,16 +301,6 @@ class SelectTool(QObject):
         else:
             self._click(self._line[0])
         self._line = []
-
-    def _begin_brush(self, mesh: Mesh) -> None:
-        """Set `_front` and `_stroke`, unless the brush is not prepared yet."""
-        projection, away = self._scene.projection(), self._scene.renderer.away()
-        if self._ready() and projection is not None:
-            self._front = projection.facing > 0.0
-            if away is not None:
-                self._front &= ~away
-            kept = None if self._how == "replace" else self._before
-            self._stroke = np.zeros(mesh.n_vertices, np.bool_) if kept is None else kept.copy()
 
     def _brush(self, at: QPointF) -> None:
         """Select discs around the vertices on the line from the last pointer position to `at`."""
@@ -350,15 +346,14 @@ class SelectTool(QObject):
         mesh, vertex = self._document.mesh, self._scene.vertex_near(at.x(), at.y())
         if mesh is None or vertex < 0:
             return
+        field = self.field
         if self.mode == "component":
             self._run(_Step(partial(component, mesh, vertex), self._how, "component"))
-            return
-        field = self._controller.field
-        if field is None or not field.labels:
+        elif field is None or not field.labels:
             self._say("To select a part of a label, show a map of labels first.")
-            return
-        work = partial(same_label, mesh, field.values, vertex)
-        self._run(_Step(work, self._how, "part of a label"))
+        else:
+            work = partial(same_label, mesh, field.values, vertex)
+            self._run(_Step(work, self._how, "part of a label"))
 
     def _ready(self) -> bool:
         """Return `prepared`, and show a message if it is False."""

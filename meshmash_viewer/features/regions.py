@@ -308,11 +308,11 @@ def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArra
     faces = mesh.faces[_whole_faces(mesh, rows)]
     of_face = rows[faces[:, 0]]
 
-    def sixths(of: IntArray, *corners: FloatArray) -> FloatArray:
-        a, b, c = (each - centers[of] for each in corners)  # no cancellation far from the origin
-        return np.bincount(of, np.einsum("ij,ij->i", a, np.cross(b, c)), k).astype(np.float64)
+    def sixths(of: IntArray, corners: FloatArray) -> FloatArray:
+        near = corners - centers[of][:, None]  # no cancellation far from the origin
+        return np.bincount(of, np.linalg.det(near), k).astype(np.float64)
 
-    volumes = sixths(of_face, *(mesh.vertices[faces[:, corner]] for corner in range(3)))
+    volumes = sixths(of_face, mesh.vertices[faces])
     codes = side_codes(faces, n)
     edges = edges_of(codes)
     at = np.searchsorted(edges.keys, codes >> 1)
@@ -325,7 +325,8 @@ def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArra
         on_border, loop = np.unique(connected(tails, tips, n)[tails], return_inverse=True)
         middles = _means(mesh.vertices[tails], np.ones(len(tails)), loop, len(on_border))
         of_side = rows[tails]
-        volumes += sixths(of_side, mesh.vertices[tips], mesh.vertices[tails], middles[loop])
+        fans = np.stack([mesh.vertices[tips], mesh.vertices[tails], middles[loop]], axis=1)
+        volumes += sixths(of_side, fans)
         of_loop = np.zeros(len(on_border), dtype=np.int64)
         of_loop[loop] = of_side
         loops += np.bincount(of_loop, minlength=k)

@@ -145,7 +145,9 @@ class Labels:
         key = max(0, int(known.values.max()), *(label.key for label in known.labels)) + 1
         numbered = (f"label {number}" for number in count(len(taken) + 1))
         name = next(each for each in numbered if each not in taken)
-        self._change("new label", (*known.labels, Label(key, name, _free_color(known.labels))))
+        self._change(
+            "new label", labels=(*known.labels, Label(key, name, _free_color(known.labels)))
+        )
 
     @_said
     def rename(self, key: int, name: str) -> None:
@@ -218,29 +220,27 @@ class Labels:
                 " Labels panel to change that"
             ]
         changing &= ~kept
-        if changing.any():
-            values = np.where(changing, to, known.values)
-            self._change("labels" if key is not None else "removal from labels", None, values)
+        if n_given := int(np.count_nonzero(changing)):
+            what, how = "removal from labels", "taken out of the labels"
+            if key is not None:
+                what, how = "labels", f"given to {self._label(key).name}"
+            self._change(what, values=np.where(changing, to, known.values))
             if not self.current_is_displayed:  # the change is not visible
-                to_label = "taken out of the labels"
-                if key is not None:
-                    to_label = f"given to {self._label(key).name}"
-                given = counted(int(np.count_nonzero(changing)), "vertex")
-                said += [f"{given} {to_label} of {known.name}"]
+                said += [f"{counted(n_given, 'vertex')} {how} of {known.name}"]
         if said:
             self._notices.say(f"{'; '.join(said)}.")
 
+    @_said
     def assign_nth(self, number: int) -> None:
         """Assign the selected vertices to the label at a position of the list, from 1."""
         known = self.current
-        if known is None or number > len(known.labels):
-            has = "is no label set"
-            if known is not None:
-                has = f"are {counted(len(known.labels), 'label')}"
-            text = f"There is no label {number}, as there {has}: make one with New label."
-            self._notices.say(text, Severity.WARNING)
-        else:
-            self.assign(known.labels[number - 1].key)
+        labels = () if known is None else known.labels
+        if number > len(labels):
+            has = f"are {counted(len(labels), 'label')}" if labels else "is no label set"
+            raise InputError(
+                f"There is no label {number}, as there {has}: make one with New label."
+            )
+        self.assign(labels[number - 1].key)
 
     @_said
     def select(self, keys: Collection[int]) -> None:
@@ -327,25 +327,18 @@ class Labels:
         known = self._set
         labels = tuple(label for label in known.labels if label.key not in keys)
         given = np.isin(known.values, list(keys))
-        self._change(what, labels, np.where(given, to, known.values) if given.any() else None)
+        self._change(what, labels=labels, values=np.where(given, to, known.values))
 
     def _change_one(self, what: str, key: int, **attributes: Any) -> None:
         before = self._label(key)
         after = replace(before, **attributes)
         if after != before:
-            labels = self._set.labels
-            self._change(what, tuple(after if each is before else each for each in labels))
+            labels = (after if each is before else each for each in self._set.labels)
+            self._change(what, labels=tuple(labels))
 
-    def _change(
-        self,
-        what: str,
-        labels: tuple[Label, ...] | None,
-        values: npt.NDArray[np.integer] | None = None,
-    ) -> None:
-        changes: dict[str, Any] = {} if labels is None else {"labels": labels}
-        if values is not None:
-            values.flags.writeable = False  # the map keeps this array
-            changes["values"] = values
+    def _change(self, what: str, **changes: Any) -> None:
+        if "values" in changes:
+            changes["values"].flags.writeable = False  # the map keeps this array
         self._maps.change(what, replace(self._set, **changes))
 
 

@@ -56,10 +56,9 @@ def filled(mesh: Mesh, mask: Mask) -> Mask:
     areas = np.bincount(part[outside], mesh.vertex_areas[outside])
     of_part = np.zeros(len(areas), dtype=np.int64)  # component of each part
     of_part[part[outside]] = components[outside]
-    largest = np.zeros(int(components.max()) + 1, dtype=np.int64)
-    order = np.argsort(areas, kind="stable")
-    largest[of_part[order]] = order  # the last assignment remains: the largest part
-    stays = np.isin(np.arange(len(areas)), largest[np.unique(of_part)])
+    order = np.argsort(-areas, kind="stable")
+    largest = order[np.unique(of_part[order], return_index=True)[1]]  # of each component
+    stays = np.isin(np.arange(len(areas)), largest)
     result = mask.copy()
     result[outside] = ~stays[part[outside]]
     return result

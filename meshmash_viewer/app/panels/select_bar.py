@@ -59,12 +59,10 @@ class SelectBar(QToolBar):
         )
         self.low.fault = lambda low: self._fault(low, self._tool.range[1])
         self.high.fault = lambda high: self._fault(self._tool.range[0], high)
-        for field, give in (
-            (self.low, lambda low: tool.set_range(low, tool.range[1])),
-            (self.high, lambda high: tool.set_range(tool.range[0], high)),
-        ):
+        self.low.edited.connect(lambda low: tool.set_range(low, tool.range[1]))
+        self.high.edited.connect(lambda high: tool.set_range(tool.range[0], high))
+        for field in (self.low, self.high):
             field.setFixedWidth(110)
-            field.edited.connect(give)
             field.refused.connect(self._say)
         self.connected = make.check(
             "Connected", "select_connected", "Only what is connected with the pin",
