@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import is_
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -20,8 +21,8 @@ from meshmash_viewer.vertex_map import VertexMap
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-#: Mesh, labels, hidden vertices, and whether each layer in `_DRAWN` is requested.
-_Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None, tuple[bool, bool]]
+#: Mesh, labels, hidden vertices, and whether borders and graph are requested.
+_Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None, bool, bool]
 _Found: TypeAlias = dict[str, Marks | None]
 #: Names of the layers of marks in the render.
 _DRAWN = ("borders", "graph")
@@ -51,20 +52,16 @@ class LabelBorders(QObject):
 
     def refresh(self) -> None:
         """Draw the requested borders and graph of the current label set."""
-        document, before, display = self._document, self._drawn, self._document.display
-        mesh, known, hidden = document.mesh, document.labels.current, document.hidden
-        wanted = display.label_borders, display.label_graph
-        if mesh is None or known is None or not any(wanted):
+        document, display = self._document, self._document.display
+        mesh, known = document.mesh, document.labels.current
+        if mesh is None or known is None or not (display.label_borders or display.label_graph):
             self._drawn = None
             self._mark({})
-        elif (
-            before is None
-            or before[1] is not known
-            or before[2] is not hidden
-            or before[3] != wanted
-        ):
-            self._drawn = mesh, known, hidden, wanted
-            self._thread.ask(self._drawn)
+            return
+        asked = mesh, known, document.hidden, display.label_borders, display.label_graph
+        if self._drawn is None or not all(map(is_, self._drawn[1:], asked[1:])):
+            self._drawn = asked
+            self._thread.ask(asked)
 
     def _mark(self, found: _Found) -> None:
         for name in _DRAWN:
@@ -87,7 +84,7 @@ class LabelBorders(QObject):
 
 
 def _found(asked: _Asked, _cancel: CancelCallback) -> _Found:
-    mesh, known, hidden, (borders, graph) = asked
+    mesh, known, hidden, borders, graph = asked
     faces = mesh.faces if hidden is None else mesh.faces[~hidden[mesh.faces].any(axis=1)]
     values = np.nan_to_num(known.shown, nan=-1.0)
     found: _Found = {}

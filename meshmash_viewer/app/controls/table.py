@@ -1,4 +1,4 @@
-"""Base classes of tables: a model of rows, and a view in which whole rows are selected."""
+"""Base class of tables in which whole rows are selected."""
 
 from __future__ import annotations
 
@@ -14,11 +14,28 @@ from meshmash_viewer.app import theme
 Index: TypeAlias = QModelIndex | QPersistentModelIndex
 
 
-class Rows(QAbstractTableModel):
-    """Base class of table models; subclasses return the contents of the cells."""
+class Table(QTableView):
+    """Table without grid lines, in which F2 edits the name in the selected row.
+
+    Subclasses return the contents of the cells, and call ``setModel(self.rows)``, or a proxy of
+    this model, once they can.
+    """
 
     #: Column of names, which can be edited; -1 for none.
     names: ClassVar[int] = -1
+
+    def __init__(self, name: str, spoken: str, *, row_height: int = 26, role: str = "") -> None:
+        super().__init__()
+        self.rows = _Rows(self)
+        theme.named(self, name, spoken, role=role)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.EditKeyPressed)
+        self.setShowGrid(False)
+        self.setTabKeyNavigation(False)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(row_height)
+        self.horizontalHeader().setHighlightSections(False)
 
     @property
     def n_rows(self) -> int:
@@ -27,6 +44,10 @@ class Rows(QAbstractTableModel):
     @property
     def titles(self) -> Sequence[str]:
         raise NotImplementedError
+
+    def title_tip(self, column: int) -> str:
+        """Return the tooltip of the title of a column; "" for none."""
+        return ""
 
     def is_number(self, column: int) -> bool:
         """Return whether a column contains numbers, which are right-aligned."""
@@ -54,74 +75,64 @@ class Rows(QAbstractTableModel):
         """Set the name that the user typed."""
         raise NotImplementedError
 
+    def edit_name(self, row: int) -> None:
+        """Start editing the name in a row."""
+        self.setCurrentIndex(self.rows.index(row, self.names))
+        self.edit(self.rows.index(row, self.names))
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Edit the name in the selected row on F2, in any column."""
+        chosen = self.selectionModel().selectedRows()
+        if event.key() == Qt.Key.Key_F2 and chosen and self.names >= 0:
+            self.edit_name(chosen[0].row())
+        else:
+            super().keyPressEvent(event)
+
+
+class _Rows(QAbstractTableModel):
+    """Model of the cells of a `Table`."""
+
+    def __init__(self, table: Table) -> None:
+        super().__init__(table)
+        self._table = table
+
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008  Qt's own default
-        return self.n_rows
+        return self._table.n_rows
 
     def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
-        return len(self.titles)
+        return len(self._table.titles)
 
     def headerData(
         self, section: int, along: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
     ) -> Any:
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return self._alignment(section)
-        horizontal = along == Qt.Orientation.Horizontal
-        return self.titles[section] if horizontal and role == Qt.ItemDataRole.DisplayRole else None
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return self._table.title_tip(section) or None
+        horizontal = along == Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole
+        return self._table.titles[section] if horizontal else None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        row, column, roles = index.row(), index.column(), Qt.ItemDataRole
+        table, roles, cell = self._table, Qt.ItemDataRole, (index.row(), index.column())
         if role in (roles.DisplayRole, roles.EditRole):
-            return self.text(row, column)
+            return table.text(*cell)
         if role == roles.TextAlignmentRole:
-            return self._alignment(column)
+            return self._alignment(index.column())
         if role == roles.DecorationRole:
-            return self.icon(row, column)
+            return table.icon(*cell)
         if role in (roles.ToolTipRole, roles.AccessibleTextRole):
-            text = self.tip if role == roles.ToolTipRole else self.spoken
-            return text(row, column) or None
-        return self.sort_key(row, column) if role == roles.UserRole else None
+            return (table.tip if role == roles.ToolTipRole else table.spoken)(*cell) or None
+        return table.sort_key(*cell) if role == roles.UserRole else None
 
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
-        self.rename(index.row(), str(value))
+        self._table.rename(index.row(), str(value))
         return True
 
     def flags(self, index: Index) -> Qt.ItemFlag:
         flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
-        return flags | Qt.ItemFlag.ItemIsEditable if index.column() == self.names else flags
+        return flags | Qt.ItemFlag.ItemIsEditable if index.column() == self._table.names else flags
 
     def _alignment(self, column: int) -> Qt.AlignmentFlag:
         sides = Qt.AlignmentFlag
-        return sides.AlignVCenter | (
-            sides.AlignRight if self.is_number(column) else sides.AlignLeft
-        )
-
-
-class Table(QTableView):
-    """Table without grid lines, in which F2 edits the name in the selected row."""
-
-    def __init__(self, name: str, spoken: str, *, row_height: int = 26, role: str = "") -> None:
-        super().__init__()
-        theme.named(self, name, spoken, role=role)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
-        self.setEditTriggers(QAbstractItemView.EditTrigger.EditKeyPressed)
-        self.setShowGrid(False)
-        self.setTabKeyNavigation(False)
-        self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(row_height)
-        self.horizontalHeader().setHighlightSections(False)
-
-    def edit_name(self, row: int) -> None:
-        """Start editing the name in a row."""
-        rows = self.model()
-        if isinstance(rows, Rows) and row >= 0:
-            self.setCurrentIndex(rows.index(row, rows.names))
-            self.edit(rows.index(row, rows.names))
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Edit the name in the selected row on F2, in any column."""
-        chosen = self.selectionModel().selectedRows()
-        if event.key() == Qt.Key.Key_F2 and chosen:
-            self.edit_name(chosen[0].row())
-        else:
-            super().keyPressEvent(event)
+        side = sides.AlignRight if self._table.is_number(column) else sides.AlignLeft
+        return sides.AlignVCenter | side

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from operator import is_
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -30,7 +31,6 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.labels import LabelSizes, label_sizes
 from meshmash_viewer.model.pins import PIN_COLORS
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
@@ -55,7 +55,9 @@ class LabelPanel(QWidget):
         self._field: Field | None = None
         self._document = document
         self._measured: _Measured | None = None
-        self._thread: LatestThread[_Measured] = LatestThread(_sizes, self._take_sizes, parent=self)
+        self._thread: LatestThread[_Measured] = LatestThread(
+            lambda request, _: label_sizes(*request), self._take_sizes, parent=self
+        )
         self._build()
         changes = (
             document.labels.changed, document.spectrum_changed, document.mesh_changed,
@@ -73,7 +75,9 @@ class LabelPanel(QWidget):
         table.color_requested.connect(self._ask_for_color)
         table.menu_requested.connect(self._show_menu)
         table.selectionModel().selectionChanged.connect(lambda: later(self._refresh_buttons))
-        self.combo = make.combo("label_set_combo", "Label set", self._choose_set)
+        self.combo = make.combo(
+            "label_set_combo", "Label set", lambda row: labels.choose(self.combo.itemText(row))
+        )
         self.new_set_button = make.button(
             "New set", "label_new_set_button", "New label set", labels.new_set, role="segment"
         )
@@ -166,9 +170,6 @@ class LabelPanel(QWidget):
 
     # -- from the user ------------------------------------------------------------------------
 
-    def _choose_set(self, row: int) -> None:
-        self._document.labels.choose(self.combo.itemText(row))
-
     def _open(self) -> None:
         paths = ask_for_maps(self, folder_of(self._document.path), "labels")
         self._document.maps.open(paths, labels=True)
@@ -227,7 +228,7 @@ class LabelPanel(QWidget):
         if not shown:
             return
         first, locked = shown[0], all(each.locked for each in shown)
-        row = self.table.labels.index(first)
+        row, lock = self.table.labels.index(first), "Unlock" if locked else "Lock"
         menu = theme.named(QMenu(self), "label_menu", "What can be done with these labels")
         for name, text, act, alone in (
             ("assign", "Give it the selection", lambda: labels.assign(first.key), True),
@@ -235,12 +236,7 @@ class LabelPanel(QWidget):
             ("isolate", "Isolate", lambda: labels.isolate(chosen), False),
             ("rename", "Rename", lambda: self.table.edit_name(row), True),
             ("recolor", "Colour…", lambda: self._ask_for_color(first.key), True),
-            (
-                "lock",
-                "Unlock" if locked else "Lock",
-                lambda: [labels.lock(each.key, not locked) for each in shown],
-                False,
-            ),
+            ("lock", lock, lambda: [labels.lock(each.key, not locked) for each in shown], False),
             ("join", "Join", lambda: labels.join(chosen), False),
             ("delete", "Delete", lambda: labels.delete(chosen), False),
         ):
@@ -272,21 +268,12 @@ class LabelPanel(QWidget):
         self._of_set.setVisible(known is not None)
         for button in (self.new_set_button, self.open_button):
             button.setEnabled(mesh is not None)
-        shown_labels = () if known is None else known.labels
-        name = "" if known is None else known.name
-        if (name, shown_labels) != self.table.shown:
-            self.table.show_labels(shown_labels, name)
-            self._measured = None
+        self.table.show_labels(known)
         show_quietly(self.borders_check, self._document.display.label_borders)
-        measured, hidden = self._measured, self._document.hiding.mask
+        before, hidden = self._measured, self._document.hiding.mask
         if mesh is None or known is None:
             self._measured = None
-        elif (
-            measured is None
-            or measured[0].vertices is not mesh.vertices
-            or measured[1] is not known
-            or measured[2] is not hidden
-        ):
+        elif before is None or not all(map(is_, before, (mesh, known, hidden))):
             self._measured = mesh, known, hidden
             self._thread.ask(self._measured)
         self._refresh_regions(known)
@@ -311,24 +298,23 @@ class LabelPanel(QWidget):
         theme.change_role(self.region_hint, "warning" if there else "muted")
 
     def _refresh_hint(self) -> None:
-        show_note(self.hint, self._hint())
-
-    def _hint(self) -> str:
+        labels, mask = self._document.labels, self._document.selection.mask
+        # the last two texts have equally many lines, so that the controls below do not move
         if self._document.mesh is None:
-            return "Open a mesh to label its parts."
-        if self._document.labels.current is None:
-            return (
+            text = "Open a mesh to label its parts."
+        elif labels.current is None:
+            text = (
                 "Press New set, select vertices on the mesh, and give them to a label with its"
                 " key; or open a file with labels."
             )
-        mask = self._document.selection.mask
-        # both texts have equally many lines, so that the controls below do not move
-        text = "Select vertices, then press the key of a label."
-        if mask is not None:
+        elif mask is None:
+            text = "Select vertices, then press the key of a label."
+        else:
             count = counted(int(np.count_nonzero(mask)), "vertex")
             text = f"{count} selected: press a label's key."
-        shown = self._document.labels.current_is_displayed
-        return text if shown else f"{text} The render shows another field than this set."
+        if labels.current is not None and not labels.current_is_displayed:
+            text += " The render shows another field than this set."
+        show_note(self.hint, text)
 
     def _refresh_buttons(self) -> None:
         n_chosen, selected = len(self.table.chosen), self._document.selection.mask is not None
@@ -353,7 +339,3 @@ class LabelPanel(QWidget):
         """Wait until the thread has ended."""
         super().closeEvent(event)
         self._thread.close()
-
-
-def _sizes(request: _Measured, _cancel: CancelCallback) -> LabelSizes:
-    return label_sizes(*request)

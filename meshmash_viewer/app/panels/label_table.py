@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QEvent, QModelIndex, Qt, Signal
+from PySide6.QtCore import QEvent, QItemSelectionModel, QModelIndex, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent, QIcon, QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.table import Rows, Table
+from meshmash_viewer.app.controls.table import Table
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.labels import Labels, LabelSizes
 from meshmash_viewer.units import counted, engineering, grouped, power_unit
-from meshmash_viewer.vertex_map import Label
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 COLOR, NAME, VERTICES, AREA, SHOWN, LOCK = range(6)
 #: Widths of the columns in pixels; the column of names takes the remaining width.
@@ -25,30 +25,92 @@ _LEAST, _MOST = 3, 9
 KEYS = 9
 
 
-class _Rows(Rows):
-    """Model of the table with one row for each label, in the order of the set."""
+def given_to_label(event: QEvent, labels: Labels) -> bool:
+    """Assign the selection to the label of a digit key; return False for other events."""
+    kinds = QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress
+    if not isinstance(event, QKeyEvent) or event.type() not in kinds:
+        return False
+    number, keypad = event.key() - Qt.Key.Key_0, Qt.KeyboardModifier.KeypadModifier
+    if event.modifiers() & ~keypad or not 1 <= number <= KEYS:
+        return False
+    event.accept()
+    if event.type() == QEvent.Type.KeyPress:
+        labels.assign_nth(number)
+    return True
 
+
+class LabelTable(Table):
+    """Table of the labels of the current set; a double click or F2 edits a name."""
+
+    #: Number of the label whose colour was clicked.
+    color_requested = Signal(int)
+    #: Position on the screen of a right click or the menu key.
+    menu_requested = Signal(object)
     names = NAME
 
     def __init__(self, document: Document) -> None:
-        super().__init__()
+        super().__init__("label_table", "Labels of the set", role="dense")
         self._document = document
+        #: The shown labels, their sizes if measured, and the name of their set.
         self.labels: tuple[Label, ...] = ()
         self._sizes: LabelSizes | None = None
+        self._set_name = ""
+        self.setModel(self.rows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
+        triggers = QAbstractItemView.EditTrigger
+        self.setEditTriggers(triggers.EditKeyPressed | triggers.DoubleClicked)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        header = self.horizontalHeader()
+        header.setMinimumSectionSize(20)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        header.setSectionResizeMode(NAME, QHeaderView.ResizeMode.Stretch)
+        for column, width in _WIDTHS.items():
+            self.setColumnWidth(column, width)
+        self.clicked.connect(self._act)
+        theme.notifier().changed.connect(self.viewport().update)
 
-    def show_labels(self, labels: tuple[Label, ...]) -> None:
-        """Replace the labels; their sizes are empty until `show_sizes`."""
-        self.beginResetModel()
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Hide the number of vertices in a narrow table."""
+        room = self.viewport().width() - sum(_WIDTHS.values())
+        self.setColumnHidden(VERTICES, room < _NAME_WIDTH)
+        super().resizeEvent(event)
+
+    @property
+    def chosen(self) -> list[int]:
+        """Numbers of the chosen labels, in the order of the list."""
+        rows = sorted(index.row() for index in self.selectionModel().selectedRows())
+        return [self.labels[row].key for row in rows]
+
+    def show_labels(self, known: VertexMap | None) -> None:
+        """Show the labels of a set; in the same set, keep the chosen rows or choose a new label."""
+        name, labels = ("", ()) if known is None else (known.name, known.labels)
+        if (name, labels) == (self._set_name, self.labels):
+            return
+        before, chosen = {each.key for each in self.labels}, set(self.chosen)
+        if name != self._set_name:
+            before, chosen, self._set_name = set(), set(), name
+        self.rows.beginResetModel()
         self.labels, self._sizes = labels, None
-        self.endResetModel()
+        self.rows.endResetModel()
+        if before and len(new := {each.key for each in labels} - before) == 1:
+            chosen = new
+        selection, flags = self.selectionModel(), QItemSelectionModel.SelectionFlag
+        for row, label in enumerate(labels):
+            if label.key in chosen:
+                place = self.rows.index(row, NAME)
+                selection.select(place, flags.Select | flags.Rows)
+                selection.setCurrentIndex(place, flags.NoUpdate)
+        shown = min(max(len(labels), _LEAST), _MOST)
+        row_height = self.verticalHeader().defaultSectionSize()
+        self.setFixedHeight(self.horizontalHeader().sizeHint().height() + shown * row_height + 4)
 
     def show_sizes(self, sizes: LabelSizes) -> None:
         """Show the number of vertices and the area of each label."""
-        if len(sizes[0]) == len(self.labels):
+        if len(sizes.counts) == len(self.labels):
             self._sizes = sizes
-            last = self.index(len(self.labels) - 1, SHOWN)
-            self.dataChanged.emit(self.index(0, VERTICES), last)
-            self.headerDataChanged.emit(Qt.Orientation.Horizontal, AREA, AREA)
+            last = self.rows.index(len(self.labels) - 1, SHOWN)
+            self.rows.dataChanged.emit(self.rows.index(0, VERTICES), last)
+            self.rows.headerDataChanged.emit(Qt.Orientation.Horizontal, AREA, AREA)
 
     @property
     def n_rows(self) -> int:
@@ -114,97 +176,12 @@ class _Rows(Rows):
     def rename(self, row: int, name: str) -> None:
         self._document.labels.rename(self.labels[row].key, name)
 
-
-def given_to_label(event: QEvent, labels: Labels) -> bool:
-    """Assign the selection to the label of a digit key; return False for other events."""
-    kinds = QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress
-    if not isinstance(event, QKeyEvent) or event.type() not in kinds:
-        return False
-    number, keypad = event.key() - Qt.Key.Key_0, Qt.KeyboardModifier.KeypadModifier
-    if event.modifiers() & ~keypad or not 1 <= number <= KEYS:
-        return False
-    event.accept()
-    if event.type() == QEvent.Type.KeyPress:
-        labels.assign_nth(number)
-    return True
-
-
-class LabelTable(Table):
-    """Table of the labels of the current set; a double click or F2 edits a name."""
-
-    #: Number of the label whose colour was clicked.
-    color_requested = Signal(int)
-    #: Position on the screen of a right click or the menu key.
-    menu_requested = Signal(object)
-
-    def __init__(self, document: Document) -> None:
-        super().__init__("label_table", "Labels of the set", role="dense")
-        self._document = document
-        self._rows = _Rows(document)
-        #: Method that shows the number of vertices and the area of each label.
-        self.show_sizes = self._rows.show_sizes
-        self._set_name = ""
-        self.setModel(self._rows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
-        triggers = QAbstractItemView.EditTrigger
-        self.setEditTriggers(triggers.EditKeyPressed | triggers.DoubleClicked)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        header = self.horizontalHeader()
-        header.setMinimumSectionSize(20)
-        header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
-        header.setSectionResizeMode(NAME, QHeaderView.ResizeMode.Stretch)
-        for column, width in _WIDTHS.items():
-            self.setColumnWidth(column, width)
-        self.clicked.connect(self._act)
-        theme.notifier().changed.connect(self.viewport().update)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Hide the number of vertices in a narrow table."""
-        room = self.viewport().width() - sum(_WIDTHS.values())
-        self.setColumnHidden(VERTICES, room < _NAME_WIDTH)
-        super().resizeEvent(event)
-
-    @property
-    def chosen(self) -> list[int]:
-        """Numbers of the chosen labels, in the order of the list."""
-        rows = sorted(index.row() for index in self.selectionModel().selectedRows())
-        return [self._rows.labels[row].key for row in rows]
-
-    def show_labels(self, labels: tuple[Label, ...], name: str) -> None:
-        """Show the labels of a set; in the same set, keep the chosen rows or choose a new label."""
-        before, chosen = {each.key for each in self._rows.labels}, set(self.chosen)
-        if name != self._set_name:
-            before, chosen, self._set_name = set(), set(), name
-        self._rows.show_labels(labels)
-        if before and len(new := {each.key for each in labels} - before) == 1:
-            chosen = new
-        mode, self_ = self.selectionMode(), self.selectionModel()
-        self.setSelectionMode(QAbstractItemView.SelectionMode.MultiSelection)
-        for row, label in enumerate(labels):
-            if label.key in chosen:
-                self.selectRow(row)
-                self_.setCurrentIndex(self._rows.index(row, NAME), self_.SelectionFlag.NoUpdate)
-        self.setSelectionMode(mode)
-        shown = min(max(len(labels), _LEAST), _MOST)
-        row_height = self.verticalHeader().defaultSectionSize()
-        self.setFixedHeight(self.horizontalHeader().sizeHint().height() + shown * row_height + 4)
-
-    @property
-    def shown(self) -> tuple[str, tuple[Label, ...]]:
-        """Name of the shown set, and its labels."""
-        return self._set_name, self.labels
-
-    @property
-    def labels(self) -> tuple[Label, ...]:
-        """The shown labels."""
-        return self._rows.labels
-
     def _act(self, index: QModelIndex) -> None:
         label = self.labels[index.row()]
         if index.column() == COLOR:
             self.color_requested.emit(label.key)
         elif index.column() == SHOWN:
-            self._document.labels.show([label.key], self._rows.is_hidden(index.row()))
+            self._document.labels.show([label.key], self.is_hidden(index.row()))
         elif index.column() == LOCK:
             self._document.labels.lock(label.key, not label.locked)
 

@@ -12,7 +12,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.app.controls.make import row as side_by_side
-from meshmash_viewer.app.controls.table import Index, Rows, Table
+from meshmash_viewer.app.controls.table import Index, Table
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -133,29 +133,37 @@ class PinLegend(QScrollArea):
 _NUMBER, NAME, _VERTEX, _VALUE, _PLACE = range(5)
 
 
-class _Rows(Rows):
-    """Model of the table with one row for each pin, in the order of their numbers."""
+class PinTable(Table):
+    """Table of all pins of a document; F2 edits a name."""
 
-    names = NAME
+    #: Vertex of the pin under the pointer, -1 for none.
+    pointed = Signal(int)
+    #: Vertex of a double-clicked pin.
+    activated_pin = Signal(int)
+    #: Vertex of a right-clicked pin, -1 below the rows, and the position on the screen.
+    menu_requested = Signal(int, QPoint)
     #: Vertex of a pin, and the name that was typed.
     renamed = Signal(int, str)
+    names = NAME
 
     def __init__(self, document: Document) -> None:
-        super().__init__()
+        super().__init__("pin_table", "Table of the pins")
         self._document = document
+        #: The pins, in the order of their numbers.
         self.pins: tuple[Pin, ...] = ()
         self.field: Field | None = None
-
-    def refresh(self) -> None:
-        self.beginResetModel()
-        self.pins = tuple(sorted(self._document.pins.placed, key=lambda pin: pin.number))
-        self.endResetModel()
-
-    def set_field(self, field: Field | None) -> None:
-        self.field = field
-        if self.pins:
-            self.dataChanged.emit(self.index(0, _VALUE), self.index(len(self.pins) - 1, _VALUE))
-        self.headerDataChanged.emit(Qt.Orientation.Horizontal, _VALUE, _VALUE)
+        self.setModel(self.rows)
+        self.setMouseTracking(True)
+        header = self.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        header.setStretchLastSection(True)
+        for at, width in enumerate((48, 90, 72, 118)):
+            self.setColumnWidth(at, width)
+        self.entered.connect(lambda index: self.pointed.emit(self._vertex_of(index)))
+        self.doubleClicked.connect(lambda index: self.activated_pin.emit(self._vertex_of(index)))
+        follow(document.pins.changed, self._refresh)
+        follow(document.mesh_changed, self._refresh)
+        self._refresh()
 
     @property
     def n_rows(self) -> int:
@@ -197,36 +205,6 @@ class _Rows(Rows):
     def rename(self, row: int, name: str) -> None:
         self.renamed.emit(self.pins[row].vertex, name)
 
-
-class PinTable(Table):
-    """Table of all pins of a document; F2 edits a name."""
-
-    #: Vertex of the pin under the pointer, -1 for none.
-    pointed = Signal(int)
-    #: Vertex of a double-clicked pin.
-    activated_pin = Signal(int)
-    #: Vertex of a right-clicked pin, -1 below the rows, and the position on the screen.
-    menu_requested = Signal(int, QPoint)
-    #: Vertex of a pin, and the name that was typed.
-    renamed = Signal(int, str)
-
-    def __init__(self, document: Document) -> None:
-        super().__init__("pin_table", "Table of the pins")
-        self._rows = _Rows(document)
-        self.setModel(self._rows)
-        self.setMouseTracking(True)
-        header = self.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
-        header.setStretchLastSection(True)
-        for at, width in enumerate((48, 90, 72, 118)):
-            self.setColumnWidth(at, width)
-        self._rows.renamed.connect(self.renamed)
-        self.entered.connect(lambda index: self.pointed.emit(self._vertex_of(index)))
-        self.doubleClicked.connect(lambda index: self.activated_pin.emit(self._vertex_of(index)))
-        follow(document.pins.changed, self._refresh)
-        follow(document.mesh_changed, self._refresh)
-        self._refresh()
-
     @property
     def chosen(self) -> int:
         """Vertex of the chosen pin, -1 for none."""
@@ -234,7 +212,11 @@ class PinTable(Table):
         return self._vertex_of(rows[0]) if rows else -1
 
     def set_field(self, field: Field | None) -> None:
-        self._rows.set_field(field)
+        self.field = field
+        if self.pins:
+            last = self.rows.index(len(self.pins) - 1, _VALUE)
+            self.rows.dataChanged.emit(self.rows.index(0, _VALUE), last)
+        self.rows.headerDataChanged.emit(Qt.Orientation.Horizontal, _VALUE, _VALUE)
 
     def leaveEvent(self, event: QEvent) -> None:
         super().leaveEvent(event)
@@ -246,10 +228,12 @@ class PinTable(Table):
 
     def _refresh(self) -> None:
         chosen = self.chosen
-        self._rows.refresh()
-        for row, pin in enumerate(self._rows.pins):
+        self.rows.beginResetModel()
+        self.pins = tuple(sorted(self._document.pins.placed, key=lambda pin: pin.number))
+        self.rows.endResetModel()
+        for row, pin in enumerate(self.pins):
             if pin.vertex == chosen:
                 self.selectRow(row)
 
     def _vertex_of(self, index: Index) -> int:
-        return self._rows.pins[index.row()].vertex if index.isValid() else -1
+        return self.pins[index.row()].vertex if index.isValid() else -1

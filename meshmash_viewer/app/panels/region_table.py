@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt, Signal
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QAbstractItemView
 
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.table import Rows, Table
+from meshmash_viewer.app.controls.table import Table
 from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.units import engineering, grouped
 from meshmash_viewer.vertex_map import Label
@@ -27,28 +25,50 @@ _MOST, _ROW, _LOOKED_AT = 7, 24, 100
 _NAME_WIDTH = 130
 
 
-class _Rows(Rows):
-    """Model of the table with one row for each region."""
+class RegionTable(Table):
+    """Table of regions; a click on the title of a column sorts the rows."""
+
+    #: Row in `Regions` that was clicked, or double-clicked.
+    region_clicked = Signal(int)
+    region_activated = Signal(int)
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__("region_table", "Regions of the label set", row_height=_ROW, role="dense")
         self.table: Regions | None = None
         self._colors: dict[str, str] = {}
         self._columns: list[str] = []
         #: By column: the power of ten by which it is multiplied, and its unit.
         self._units: dict[str, tuple[int, str]] = {}
+        self._sorted = QSortFilterProxyModel(self)
+        self._sorted.setSortRole(Qt.ItemDataRole.UserRole)
+        self._sorted.setSourceModel(self.rows)
+        self.setModel(self._sorted)
+        self.setSortingEnabled(True)
+        self.sortByColumn(0, Qt.SortOrder.AscendingOrder)
+        self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.horizontalHeader().setResizeContentsPrecision(_LOOKED_AT)
+        self.clicked.connect(lambda index: self.region_clicked.emit(self._row_of(index)))
+        self.doubleClicked.connect(lambda index: self.region_activated.emit(self._row_of(index)))
 
     def show_regions(self, table: Regions | None, labels: tuple[Label, ...]) -> None:
-        self.beginResetModel()
+        """Show regions with the colours of their labels; an empty table for None."""
+        if table is self.table:
+            return
+        self.rows.beginResetModel()
         self.table, self._colors = table, {each.name: each.color for each in labels}
         named = [] if table is None else [each for each in table.columns if each not in _NOT_SHOWN]
         self._columns = sorted(named, key=lambda each: each not in _FIRST)
         self._units = {
-            each: engineering(_largest(table[each]), table.unit_of(each))
+            each: engineering(float(np.abs(np.nan_to_num(table[each])).max()), table.unit_of(each))
             for each in self._columns
             if table is not None
         }
-        self.endResetModel()
+        self.rows.endResetModel()
+        self.resizeColumnsToContents()
+        self.setColumnWidth(0, min(self.columnWidth(0), _NAME_WIDTH))
+        shown, header = min(self.n_rows, _MOST), self.horizontalHeader().sizeHint()
+        bar = self.horizontalScrollBar().sizeHint().height()
+        self.setFixedHeight(header.height() + shown * _ROW + bar + 4)
 
     @property
     def n_rows(self) -> int:
@@ -66,12 +86,8 @@ class _Rows(Rows):
         unit, known = self._units[name][1], _TITLES.get(title) or title[:1].upper() + title[1:]
         return f"{known}, {unit}" if unit else known
 
-    def headerData(
-        self, section: int, along: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole
-    ) -> Any:
-        if role == Qt.ItemDataRole.ToolTipRole and section:
-            return self._title(self._columns[section - 1], self._columns[section - 1])
-        return super().headerData(section, along, role)
+    def title_tip(self, column: int) -> str:
+        return self._title(self._columns[column - 1], self._columns[column - 1]) if column else ""
 
     def is_number(self, column: int) -> bool:
         return column > 0
@@ -100,44 +116,6 @@ class _Rows(Rows):
         label, part = str(self.table["label"][row]), int(self.table["part"][row])
         several = part > 1 or label in self.table["label"][row + 1 : row + 2]
         return f"{label} ({part})" if several else label
-
-
-def _largest(values: np.ndarray[Any, Any]) -> float:
-    """Return the largest finite magnitude; 0 for none."""
-    return float(np.abs(values, where=np.isfinite(values), out=np.zeros(len(values))).max())
-
-
-class RegionTable(Table):
-    """Table of regions; a click on the title of a column sorts the rows."""
-
-    #: Row in `Regions` that was clicked, or double-clicked.
-    region_clicked = Signal(int)
-    region_activated = Signal(int)
-
-    def __init__(self) -> None:
-        super().__init__("region_table", "Regions of the label set", row_height=_ROW, role="dense")
-        self._rows = _Rows()
-        self._sorted = QSortFilterProxyModel(self)
-        self._sorted.setSortRole(Qt.ItemDataRole.UserRole)
-        self._sorted.setSourceModel(self._rows)
-        self.setModel(self._sorted)
-        self.setSortingEnabled(True)
-        self.sortByColumn(0, Qt.SortOrder.AscendingOrder)
-        self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.horizontalHeader().setResizeContentsPrecision(_LOOKED_AT)
-        self.clicked.connect(lambda index: self.region_clicked.emit(self._row_of(index)))
-        self.doubleClicked.connect(lambda index: self.region_activated.emit(self._row_of(index)))
-
-    def show_regions(self, table: Regions | None, labels: tuple[Label, ...]) -> None:
-        """Show regions with the colours of their labels; an empty table for None."""
-        if table is self._rows.table:
-            return
-        self._rows.show_regions(table, labels)
-        self.resizeColumnsToContents()
-        self.setColumnWidth(0, min(self.columnWidth(0), _NAME_WIDTH))
-        shown, header = min(self._rows.n_rows, _MOST), self.horizontalHeader().sizeHint()
-        bar = self.horizontalScrollBar().sizeHint().height()
-        self.setFixedHeight(header.height() + shown * _ROW + bar + 4)
 
     def _row_of(self, index: QModelIndex) -> int:
         return self._sorted.mapToSource(index).row()
