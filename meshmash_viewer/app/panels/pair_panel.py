@@ -23,7 +23,7 @@ from meshmash_viewer.app.plots.plot import MatrixView, Plot, Series, dashed, sol
 from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.writers import WRITERS
-from meshmash_viewer.mesh import Mesh, mask_text
+from meshmash_viewer.mesh import mask_text
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.matching import MATCHED_IN
 from meshmash_viewer.model.pair import CAMERAS, LINKS, Pair
@@ -59,11 +59,9 @@ class PairPanel(QWidget):
         self._document = document
         self._pair: Pair | None = None
         self._build()
-        for signal in (
-            document.display.events.fields, document.display.events.kind, document.pins.changed,
-            document.mesh_changed,
-        ):  # fmt: skip
-            follow(signal, self.refresh)
+        events = document.display.events
+        changes = events.fields, events.kind, document.pins.changed, document.mesh_changed
+        follow(changes, self.refresh)
         theme.notifier().changed.connect(self._dress)
         self._dress()
         self.refresh()
@@ -138,13 +136,11 @@ class PairPanel(QWidget):
         ]  # fmt: skip
         self.links = {
             name: make.check(
-                text,
-                f"pair_link_{name}",
-                f"Link: {text}",
+                text, f"pair_link_{name}", f"Link: {text}",
                 self._call(lambda pair, on, name=name: pair.link(name, on)),
             )
             for name, text in LINKS.items()
-        }
+        }  # fmt: skip
         self.undo_button = make.button(
             "Undo repair", "second_undo_repair_button",
             "Undo the last repair of the second mesh",
@@ -245,9 +241,8 @@ class PairPanel(QWidget):
             self._unit_combo = UnitCombo(pair.second, second=True)
             self._second.addWidget(self.health)
             self._unit.addWidget(self._unit_combo)
-            follow(pair.changed, self.refresh)
-            follow(pair.second.mesh_changed, self.refresh)
-            follow(pair.second.work.changed, self.refresh)
+            changes = pair.changed, pair.second.mesh_changed, pair.second.work.changed
+            follow(changes, self.refresh)
         self.refresh()
 
     def refresh(self) -> None:
@@ -279,9 +274,9 @@ class PairPanel(QWidget):
         self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
         for control in (self.map_button, self.export_button):
             control.setEnabled(other is not None)
-        figures = dict.fromkeys((*_FIGURES, *_MATCHES), "")
+        figures, matches = dict[str, str](), dict[str, str]()
         if found is not None:
-            figures |= {
+            figures = {
                 "pair_distance_label": _written_distance(found),
                 "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
                 "pair_match_label": _written_match(found),
@@ -293,11 +288,10 @@ class PairPanel(QWidget):
                 figures["pair_function_label"] = text
             if pair.first.pins.placed:
                 best, *others = self._matches_of(pair)
-                figures["pair_best_label"] = best
-                figures["pair_next_label"] = "\n".join(others)
+                matches = {"pair_best_label": best, "pair_next_label": "\n".join(others)}
         make.show_note(self.match_note, self._match_text(pair))
-        for name, text in figures.items():
-            (self.figures if name in _FIGURES else self.matches).show_value(name, text)
+        self.figures.show_values(figures)
+        self.matches.show_values(matches)
         self.plot.setVisible(found is not None)
         spectra = found.spectra if found is not None else (np.empty(0), np.empty(0))
         for curve, values in zip(self._curves, spectra, strict=True):
@@ -338,10 +332,7 @@ class PairPanel(QWidget):
         return "" if self._pair.comparison is not None else "The meshes are being compared …"
 
     def _matches_of(self, pair: Pair) -> list[str]:
-        pin = pair.first.pins.placed[-1]
-        found = pair.best_matches(pin.vertex)
-        mesh = pair.second.mesh
-        assert mesh is not None or not found
+        found, mesh = pair.best_matches(pair.first.pins.placed[-1].vertex), pair.second.mesh
         return [
             f"{mesh.named_vertex(at)} · {format_number(score, 3)}" for at, score in found if mesh
         ] or [""]
@@ -367,29 +358,20 @@ class PairPanel(QWidget):
         self._name_curves()
 
     def _numbers(self) -> list[Series]:
-        names = (each.name or "mesh" for each in self._meshes)
-        drawn = (curve.getData() for curve in self._curves)
-        colors = theme.palette().series
-        return [
-            Series(name, x, y, color)
-            for name, (x, y), color in zip(names, drawn, colors, strict=False)
-            if x is not None
-        ]
+        data = (curve.getData() for curve in self._curves)
+        drawn = zip(self._names, data, theme.palette().series, strict=False)
+        return [Series(name, x, y, color) for name, (x, y), color in drawn if x is not None]
 
     @property
-    def _meshes(self) -> list[Mesh]:
-        """The open meshes, in the order first, second."""
+    def _names(self) -> list[str]:
+        """Names of the open meshes, in the order first, second."""
         both = self._document.mesh, self._pair.second.mesh if self._pair else None
-        return [each for each in both if each is not None]
+        return [each.name or "mesh" for each in both if each is not None]
 
     def _name_curves(self) -> None:
-        colors = theme.palette().series
-        self.legend.setText(
-            "<br>".join(
-                f'<span style="color:{color}">▬</span> {each.name or "mesh"}'
-                for each, color in zip(self._meshes, colors, strict=False)
-            )
-        )
+        named = zip(self._names, theme.palette().series, strict=False)
+        lines = (f'<span style="color:{color}">▬</span> {name}' for name, color in named)
+        self.legend.setText("<br>".join(lines))
 
 
 def _written_distance(found: Comparison) -> str:
