@@ -26,7 +26,7 @@ from meshmash_viewer.app import run
 from meshmash_viewer.app.dialogs.series import Run, SeriesPainter
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import FaultBoundary
-from meshmash_viewer.app.view import mesh_view
+from meshmash_viewer.app.view import pickable
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.app.view.series import Shot
 from meshmash_viewer.errors import InputError
@@ -259,7 +259,7 @@ def test_a_task_of_the_render_that_fails_is_waited_for_no_longer(
 ) -> None:
     scene = shown.scene
     notices: list[Notice] = []
-    monkeypatch.setattr(mesh_view, "RayTarget", lambda *_: 1 / 0)
+    monkeypatch.setattr(pickable, "RayTarget", lambda *_: 1 / 0)
     with FaultBoundary(notices.append):
         scene.set_mesh(scene.mesh)
         qtbot.waitUntil(lambda: bool(notices), timeout=PATIENCE)

@@ -18,7 +18,7 @@ from meshmash_viewer.app.controls.field_events import FieldWheel
 from meshmash_viewer.app.controls.make import column, keep_room, reserved_note, row
 from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.view.annotations import Caption
+from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.figure import FigureOptions
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.page import MM
@@ -91,7 +91,7 @@ class GalleryDialog(SeriesDialog):
         FieldWheel(self).watch(self)
 
     def say_refusal(self, sentence: str) -> None:
-        """Show why the text of a field is invalid; see `number_field.show_refusal`."""
+        """Show why the text of a field is invalid; see `WholeField`."""
         self.remark_label.setText(sentence)
 
     # -- thumbnails ---------------------------------------------------------------------------
@@ -140,7 +140,7 @@ class GalleryDialog(SeriesDialog):
         elif len(pinned) == 1:
             remark = "There is a picture for each pin: click more vertices on the render."
         elif self.range.most == 1:
-            remark = f"{family.label} is one field; the others have columns to look through."
+            remark = f"{family.label} has a single column; other families have several columns."
         try:
             shots = self._shots_of(self._families)
             captions = [each.request.caption for each in shots if each.request is not None]

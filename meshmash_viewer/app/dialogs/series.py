@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
@@ -11,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QCoreApplication, QObject, Qt, QThreadPool, QTimer, Signal, Slot
+from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal, Slot
 from PySide6.QtWidgets import QDialog, QLabel, QProgressBar, QWidget
 
 from meshmash_viewer.app import theme
@@ -19,7 +18,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import keep_room, row, show_quietly
 from meshmash_viewer.app.controls.number_field import WholeField
 from meshmash_viewer.app.listening import stop_listening
-from meshmash_viewer.app.view.annotations import Caption
+from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.picture import OffScreen
@@ -107,12 +106,6 @@ class SeriesPainter(QObject):
         """Stop all series, and wait for the thread."""
         self.stop()
         self._pool.waitForDone()
-
-    def wait(self) -> None:
-        """Wait until all series have been drawn (before closing, and in tests)."""
-        while self.busy:
-            QCoreApplication.sendPostedEvents(self)
-            time.sleep(0.002)
 
     def _work(self, run: Run) -> None:
         live = LiveFeatures()

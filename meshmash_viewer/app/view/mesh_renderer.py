@@ -9,21 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
-from vtkmodules.vtkCommonDataModel import vtkPlane
 from vtkmodules.vtkRenderingCore import vtkActor, vtkCamera, vtkLight, vtkProp, vtkRenderer
 
-from meshmash_viewer.app.view.annotations import (
-    Annotations,
-    Caption,
-    Page,
-    Pin,
-    PointLegend,
-    margins,
-)
+from meshmash_viewer.app.view.annotations import Annotations, Page, margins
 from meshmash_viewer.app.view.camera import View, fitted_view, geometry_of
+from meshmash_viewer.app.view.caption import Caption, Pin, PointLegend
 from meshmash_viewer.app.view.points import PointCloud
 from meshmash_viewer.app.view.style import DARK, LIGHT, color_table, rgb
-from meshmash_viewer.app.view.surface import Overlay, Surface
+from meshmash_viewer.app.view.surface import Overlay, StandIn, Surface
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.decimation import CoarseMesh
@@ -34,6 +27,7 @@ from meshmash_viewer.surface.rays import Plane, RayTarget
 _SAMPLED = 100_000
 #: Maximum number of pins with labels.
 _LABELLED = 40
+_NOTHING = np.zeros((0, 3), dtype=np.float32)
 
 
 class MeshRenderer:
@@ -72,8 +66,8 @@ class MeshRenderer:
         self.cut: Plane | None = None
         #: Handle of the plane, drawn in the window but not in pictures.
         self.handle: vtkProp | None = None
-        #: Displayed points, relative to `centre`, and normals; None to display the mesh itself.
-        self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
+        #: Displayed points, relative to `centre`, and normals, both of shape (n, 3).
+        self.drawn = _NOTHING, _NOTHING
         self.view: View | None = None
         self._placed: tuple[View | None, int] = (None, 0)
         self._hidden: tuple[Any, ...] = ()
@@ -84,12 +78,10 @@ class MeshRenderer:
         #: Description of the displayed shape; "" for the shape of the mesh.
         self.shape_text = ""
         self.surface: Surface | None = None
-        self.coarse: Surface | None = None
+        #: The stand-in (see `Frames`), drawn by `show_coarse` instead of the mesh.
+        self.coarse: StandIn | None = None
         #: Search structure for picking and for hidden pins; None until computed.
         self.picker: RayTarget | None = None
-        self._coarse_mesh: CoarseMesh | None = None
-        #: Displayed points from which the stand-in was made.
-        self._coarse_points: npt.NDArray[np.float32] | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
         #: Overlays by name: "faults", "borders", "graph" or "points".
         self.overlays: dict[str, Overlay] = {}
@@ -114,7 +106,7 @@ class MeshRenderer:
 
     @property
     def _surfaces(self) -> list[Surface]:
-        """The existing surfaces: of the mesh, and of its stand-in (see `Frames`)."""
+        """The existing surfaces: of the mesh, and of its stand-in."""
         return [surface for surface in (self.surface, self.coarse) if surface is not None]
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
@@ -123,18 +115,21 @@ class MeshRenderer:
             self.set_overlay(None, of)
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
-        self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
-        self.hidden = self.selected = self.cut = self._coarse_points = None
+        self.surface = self.coarse = self.picker = None
+        self.hidden = self.selected = self.cut = None
         self.caption, self._pins, self.shape_text = None, (), ""
         if mesh is None:
             self.mesh = self.normals = self.view = None
+            self.drawn = _NOTHING, _NOTHING  # releases the arrays
             return
         normals = mesh.vertex_normals if normals is None else normals
         self.mesh, self.normals = mesh, normals
         geometry = geometry_of(mesh)
         self.sample, self.axes = geometry.sample, geometry.axes
         self.centre, self._bounds = geometry.centre, geometry.bounds
-        self.surface = self._new_surface(geometry.points, geometry.faces, normals)
+        self.drawn = geometry.points, normals
+        self.surface = Surface(*self.drawn, geometry.faces)
+        self._add_surface(self.surface)
 
     def set_hidden(self, hidden: Mask | None) -> None:
         """Hide vertices and the faces around them; None shows all vertices."""
@@ -160,40 +155,26 @@ class MeshRenderer:
         """Cut the mesh at a plane in mesh coordinates; None draws the whole mesh."""
         self.cut = plane
         for overlay in self.overlays.values():
-            self._cut_overlay(overlay)
-
-    def _cut_overlay(self, overlay: Overlay) -> None:
-        cut, plane = self.cut, None if self.cut is None else vtkPlane()
-        if cut is not None and plane is not None:
-            plane.SetNormal(*cut.normal)
-            plane.SetOrigin(*(cut.level * cut.normal))
-        overlay.cut(plane)
+            overlay.cut(plane)
 
     @property
-    def _local_cut(self) -> Plane | None:
+    def local_cut(self) -> Plane | None:
         """The clipping plane relative to `centre`."""
         return None if self.cut is None else self.cut.seen_from(self.centre)
 
     def away(self) -> Mask | None:
         """Return the mask of hidden or cut-away vertices; None if there are none."""
-        cut = self._local_cut
+        cut = self.local_cut
         if self.mesh is None or cut is None:
             return self.hidden
         away = cut.away(self.drawn[0])
         return away if self.hidden is None else away | self.hidden
 
-    def vertex_under(self, through: FloatArray) -> int:
-        """Return the vertex visible at a point of the focal plane (mesh coordinates), or -1."""
-        if self.picker is None or self.view is None:
-            return -1
-        eye = self.view.axes[2]
-        return self.picker.seen_vertex(through - self.centre, eye, self._local_cut)
-
     def is_covered(self, vertex: int) -> bool:
         """Return whether the mesh hides a vertex, or the vertex is cut away."""
         if self.picker is None or self.view is None:
             return False
-        cut = self._local_cut
+        cut = self.local_cut
         if cut is not None and bool(cut.away(self.drawn[0][vertex])):
             return True
         return self.picker.hidden(vertex, self.view.axes[2], cut)
@@ -210,13 +191,10 @@ class MeshRenderer:
             return
         geometry = geometry_of(self.mesh)
         if points is None:
-            self.moved = None
-            self.surface.move(geometry.points, self.normals)
+            self.drawn = geometry.points, self.normals
         else:
-            if normals is None:
-                normals = self.normals if self.moved is None else self.moved[1]
-            self.moved = (points, normals)
-            self.surface.move(points, normals)
+            self.drawn = points, self.drawn[1] if normals is None else normals
+        self.surface.move(*self.drawn)
         for overlay in self.overlays.values():
             overlay.move(self.drawn[0])
         self.picker = None
@@ -226,16 +204,14 @@ class MeshRenderer:
         self._hidden = ()
 
     @property
-    def drawn(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """Displayed points relative to `centre`, and normals, both of shape (n, 3)."""
-        assert self.mesh is not None
-        assert self.normals is not None
-        return self.moved or (geometry_of(self.mesh).points, self.normals)
+    def moved(self) -> bool:
+        """Whether the vertices are drawn at other positions than those of the mesh."""
+        return self.mesh is not None and self.drawn[0] is not geometry_of(self.mesh).points
 
     def place(self, vertex: int) -> FloatArray:
         """Return the displayed position of a vertex, shape (3,), in mesh coordinates."""
         assert self.mesh is not None
-        if self.moved is None and self.mesh.referenced[vertex]:
+        if not self.moved and self.mesh.referenced[vertex]:
             return np.asarray(self.mesh.vertices[vertex])
         return np.asarray(self.drawn[0][vertex] + self.centre)
 
@@ -243,28 +219,20 @@ class MeshRenderer:
     def drawn_vertices(self) -> FloatArray:
         """Displayed positions of all vertices, shape (n, 3), in mesh coordinates."""
         assert self.mesh is not None
-        if self.moved is None and not len(self.mesh.unreferenced):
+        if not self.moved and not len(self.mesh.unreferenced):
             return self.mesh.vertices
         return self.drawn[0] + self.centre
 
-    def _new_surface(
-        self,
-        points: npt.NDArray[np.float32],
-        faces: npt.NDArray[np.integer[Any]],
-        normals: npt.NDArray[np.float32],
-    ) -> Surface:
-        surface = Surface(points, faces, normals)
+    def _add_surface(self, surface: Surface) -> None:
         surface.actor.SetPosition(*self.centre)
         surface.set_theme(self.theme)
         surface.dress(self.caption)
         self.renderer.AddActor(surface.actor)
-        return surface
 
     def set_coarse(self, coarse: CoarseMesh) -> None:
-        """Set the stand-in, drawn by `show_coarse` instead of the mesh."""
-        self._coarse_points = self.drawn[0]
-        points, normals = (each[coarse.representatives] for each in self.drawn)
-        self.coarse, self._coarse_mesh = self._new_surface(points, coarse.faces, normals), coarse
+        """Make the stand-in, which is hidden until `show_coarse`."""
+        self.coarse = StandIn(coarse, *self.drawn)
+        self._add_surface(self.coarse)
         self.coarse.actor.VisibilityOff()
 
     def show_coarse(self, shown: bool) -> None:
@@ -328,7 +296,7 @@ class MeshRenderer:
     def _add_overlay(self, overlay: Overlay, of: str, centre: FloatArray) -> None:
         self.overlays[of] = overlay
         overlay.actor.SetPosition(*centre)
-        self._cut_overlay(overlay)
+        overlay.cut(self.cut)
         self.renderer.AddActor(overlay.actor)
 
     @property
@@ -353,8 +321,8 @@ class MeshRenderer:
 
     def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
         """Update stand-in, camera and annotations for a frame; see `Page` for the arguments."""
-        if self.shows_coarse:
-            self._write_coarse()
+        if self.surface is not None and self.coarse is not None and self.shows_coarse:
+            self.coarse.follow(self.surface, self.selected, *self.drawn)
         if self.mesh is not None and self.view is None:
             self.fit_view(width, height, scale)
         if self.view is not None:
@@ -368,19 +336,6 @@ class MeshRenderer:
         view = self.view if self.annotated else None
         pins = self.placed_pins()
         self.annotations.show(page, view, self.shown_caption, unit, pins, self.legend)
-
-    def _write_coarse(self) -> None:
-        """Copy values, selection and positions of the mesh to the stand-in."""
-        assert self.surface is not None
-        assert self.coarse is not None
-        assert self._coarse_mesh is not None
-        chosen = self._coarse_mesh.representatives
-        self.coarse.write(self.surface.values[chosen])
-        self.coarse.select(None if self.selected is None else self.selected[chosen])
-        points, normals = self.drawn
-        if points is not self._coarse_points:  # copying scattered rows is slow
-            self._coarse_points = points
-            self.coarse.move(points[chosen], normals[chosen])
 
     def _place_camera(self, view: View, width: int, height: int) -> None:
         camera = self.renderer.GetActiveCamera()
@@ -476,8 +431,8 @@ class MeshRenderer:
         other.set_mesh(self.mesh, self.normals)
         assert self.surface is not None
         assert other.surface is not None
-        if self.moved is not None:
-            other.move(*self.moved)
+        if self.moved:
+            other.move(*self.drawn)
             other.shape_text = self.shape_text
         other.set_hidden(self.hidden)
         other.set_selected(self.selected)
@@ -494,11 +449,11 @@ class MeshRenderer:
 
     def coarse_twin(self) -> tuple[MeshRenderer, IntArray] | None:
         """Return a copy of the stand-in, without a field, and its vertices; None if not made."""
-        mesh, coarse = self.mesh, self._coarse_mesh
-        if mesh is None or coarse is None or self.coarse is None:
+        mesh, coarse = self.mesh, self.coarse
+        if mesh is None or coarse is None:
             return None
-        other, picked = MeshRenderer(self.dark), coarse.representatives
-        small = Mesh(mesh.vertices[picked], coarse.faces, unit=mesh.unit)
+        other, picked = MeshRenderer(self.dark), coarse.mesh.representatives
+        small = Mesh(mesh.vertices[picked], coarse.mesh.faces, unit=mesh.unit)
         other.set_mesh(small, self.drawn[1][picked])
         other.set_hidden(None if self.hidden is None else self.hidden[picked])
         other.view, other.cut = self.view, self.cut

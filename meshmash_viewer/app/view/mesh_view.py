@@ -1,40 +1,34 @@
-"""Interactive render of a document's mesh: the displayed field, the camera and picking."""
+"""Interactive render of a document's mesh: contents, camera and mouse gestures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QEasingCurve, QPoint, QPointF, QSize, Qt, QVariantAnimation, Signal
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 from scipy.spatial.transform import Rotation
 
-from meshmash_viewer.app.background import LatestThread
-from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, margins, title_size
+from meshmash_viewer.app.view.annotations import BAR_SPACE, margins, title_size
 from meshmash_viewer.app.view.camera import View, view_axes
+from meshmash_viewer.app.view.caption import caption_of
 from meshmash_viewer.app.view.frames import Frames
 from meshmash_viewer.app.view.handles import BarHandles, CutHandle
-from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.app.view.pickable import PickableRender
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.points import PointCloud
-from meshmash_viewer.app.view.render_widget import Outline, RenderWidget, Ring
+from meshmash_viewer.app.view.render_widget import Outline
 from meshmash_viewer.app.view.style import ColorMap
 from meshmash_viewer.app.view.surface import Marks
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import Limits
-from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.surface.masks import Mask, Projection
-from meshmash_viewer.surface.rays import Plane, RayTarget
+from meshmash_viewer.surface.masks import Mask
+from meshmash_viewer.surface.rays import Plane
 
-#: Displayed vertices relative to the centre of the mesh, faces, and mask of hidden vertices.
-_Places: TypeAlias = tuple[npt.NDArray[np.float32], npt.NDArray[np.integer], Mask | None]
-#: Distance in logical pixels within which a click picks a vertex, and maximum number of vertices
-#: tested for visibility.
-_NEAR, _TRIED = 8.0, 50
 #: `View.half_size` set by `look_at`, as a fraction of the diagonal of the vertices, and minimum of
 #: `half_size` as a fraction of the diagonal of the mesh.
 _AROUND, _SMALLEST = 0.8, 0.03
@@ -42,12 +36,14 @@ _AROUND, _SMALLEST = 0.8, 0.03
 _SEEN = 0.3
 #: Magnification of a double click.
 _CLOSER = 1.4
+#: Radius, in logical pixels, of the circle around the vertex under the pointer.
+_RING = 6.5
 #: Duration of a camera movement in milliseconds.
 _FLIGHT = 300
 
 
-class MeshView(QWidget):
-    """Render of a `Document`, with its camera, mouse gestures and picking.
+class MeshView(PickableRender):
+    """Render of a `Document`, with its camera and mouse gestures.
 
     - A drag rotates the mesh; with Shift or the right button it pans, with Ctrl it rolls. If
       `movable_pins` is set, a drag that begins on a pin moves the pin along the surface.
@@ -74,22 +70,15 @@ class MeshView(QWidget):
     #: A turn of the wheel with Ctrl: number of steps forward, negative for backward.
     stepped = Signal(int)
     camera_changed = Signal()
-    #: The search structure for picking is ready.
-    picking_ready = Signal()
 
     def __init__(self, document: Any, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("scene")
         self.setAccessibleName("Render of the mesh")
         self.document = document
-        self.plotter = RenderWidget(self)
-        self.plotter.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # not by Tab: it handles no keys
-        self.renderer = MeshRenderer(renderer=self.plotter.renderer)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.plotter)
-        self._ring = Ring(self.plotter)
-        self.outline = Outline(self.plotter)
+        self._ring = Outline(self.plotter, "hover_ring", "Vertex under the pointer")
+        #: Line of a lasso, or circle of a brush.
+        self.outline = Outline(self.plotter, "stroke_outline", "Outline of the stroke")
         #: Whether the camera has been moved since `reset_camera`.
         self.turned_by_hand = False
         self._flight = QVariantAnimation(self, duration=_FLIGHT, startValue=0.0, endValue=1.0)
@@ -102,9 +91,6 @@ class MeshView(QWidget):
         self._dragged_pin: int | None = None
         self._closed = False
         self._hovered = self._pointed = self._last_clicked = self._hovered_point = -1
-        self._picking: LatestThread[_Places] = LatestThread(
-            _ray_target, self._take_picker, parent=self
-        )
         self.cut_handle = CutHandle(self.renderer)
         self.bar_handles = BarHandles(self.renderer)
         self.plotter.grips += [self.bar_handles, self.cut_handle]
@@ -119,14 +105,10 @@ class MeshView(QWidget):
         canvas.stepped.connect(self.stepped)
         canvas.clicked.connect(self._clicked)
         canvas.double_clicked.connect(self._double_clicked)
-        canvas.middle_clicked.connect(self._centre_on)
+        canvas.middle_clicked.connect(self._centre_at)
         canvas.pointer_moved.connect(self._hover)
 
     # -- contents ---------------------------------------------------------------------------
-
-    @property
-    def mesh(self) -> Mesh | None:
-        return self.renderer.mesh
 
     def set_mesh(
         self,
@@ -184,7 +166,7 @@ class MeshView(QWidget):
         `text` is added below the title.
         """
         self.renderer.shape_text = text
-        if points is None and self.renderer.moved is None:
+        if points is None and not self.renderer.moved:
             return
         self.renderer.move(points, normals)
         self._set_hovered(-1)
@@ -227,6 +209,15 @@ class MeshView(QWidget):
 
     def set_pins(self, pins: Iterable[Any]) -> None:
         self.renderer.set_pins([(pin.vertex, pin.color, pin.label) for pin in pins])
+        self.plotter.render()
+
+    def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
+        """Draw marks over the surface in place of the marks of the same name; None removes them."""
+        self.renderer.set_overlay(marks, of)
+        self.plotter.render()
+
+    def set_points(self, points: PointCloud | None) -> None:
+        self.renderer.set_overlay(points, "points")
         self.plotter.render()
 
     def set_selected(self, selected: Mask | None) -> None:
@@ -321,99 +312,11 @@ class MeshView(QWidget):
         self._moves()
         self.camera_changed.emit()
 
-    # -- pictures and picking ---------------------------------------------------------------
-
     def picture(
         self, size: tuple[int, int] | None = None, transparent: bool = False
     ) -> npt.NDArray[np.uint8]:
         """Return a picture of a given size in pixels; RGBA, shape (height, width, 4)."""
         return draw_picture(self.renderer.twin(), size or self.plotter.pixels()[:2], transparent)
-
-    def display_point(self, vertex: int) -> QPoint:
-        """Return the position of a vertex on this widget."""
-        (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
-        if self.mesh is None or view is None:
-            raise ValueError("No mesh is shown: open one first.")
-        x, y, _ = view.to_pixels(self.renderer.place(vertex), width, height)[0]
-        return QPoint(round(x / ratio - 0.5), round((height - y) / ratio - 0.5))
-
-    def vertex_at(self, x: float, y: float) -> int:
-        """Return the vertex displayed at a position of this widget, -1 for none."""
-        view = self.renderer.view
-        return -1 if view is None else self.renderer.vertex_under(self._through(view, x, y))
-
-    def _through(self, view: View, x: float, y: float) -> FloatArray:
-        """Return the point of the focal plane, in mesh coordinates, at a position on the widget."""
-        width, height, _ = self.plotter.pixels()
-        return view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
-
-    def pin_at(self, x: float, y: float) -> int:
-        """Return the vertex of the nearest visible pin within a few pixels, -1 for none."""
-        (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
-        pins = [pin for pin in self.renderer.placed_pins() if not pin.hidden]
-        if not pins or view is None:
-            return -1
-        places = view.to_pixels(np.array([pin.position for pin in pins]), width, height)
-        far = np.hypot(*(places[:, :2] - self.plotter.to_pixels(x, y)).T)
-        return pins[int(far.argmin())].vertex if far.min() <= _NEAR * ratio else -1
-
-    def vertex_near(self, x: float, y: float) -> int:
-        """Return the vertex of the pin at a position, else the displayed vertex, else the nearest.
-
-        The nearest vertex is the nearest visible vertex within a few pixels; -1 if there is none.
-        """
-        vertex, drawing = self.pinned_or_at(x, y), self.renderer
-        if vertex >= 0 or drawing.picker is None or drawing.view is None:
-            return vertex
-        view = drawing.view
-        through = self._through(view, x, y) - drawing.centre
-        near = drawing.picker.corners_near(through, view.axes[:2], _NEAR * self.unit_per_pixel)
-        if drawing.cut is not None and (away := drawing.away()) is not None:
-            near = near[~away[near]]
-        for vertex in near[:_TRIED].tolist():
-            if not drawing.is_covered(vertex):
-                return int(vertex)
-        return -1
-
-    def pinned_or_at(self, x: float, y: float) -> int:
-        """Return the vertex of the pin or point at a position, else the displayed vertex, or -1."""
-        pinned = self.pin_at(x, y)
-        if pinned >= 0:
-            return pinned
-        at, cloud = self._drawn_point_at(x, y), self.renderer.points
-        return self.vertex_at(x, y) if at < 0 or cloud is None else int(cloud.vertices[at])
-
-    def _drawn_point_at(self, x: float, y: float) -> int:
-        """Return the index of the visible drawn point at a position, -1 for none."""
-        drawing, cloud = self.renderer, self.renderer.points
-        if cloud is None or drawing.view is None or drawing.picker is None:
-            return -1
-        size = self.plotter.pixels()
-        found = cloud.near(self.plotter.to_pixels(x, y), drawing.view, size, drawing.centre)
-        for at in found[:_TRIED].tolist():
-            if not drawing.is_covered(int(cloud.vertices[at])):
-                return int(at)
-        return -1
-
-    @property
-    def can_pick(self) -> bool:
-        """Whether the search structure for picking has been computed."""
-        return self.renderer.picker is not None
-
-    def _prepare_picking(self) -> None:
-        """Request the search structure for the current positions of the vertices."""
-        assert self.mesh is not None
-        self._picking.ask((self.renderer.drawn[0], self.mesh.faces, self.renderer.hidden))
-
-    def _take_picker(self, request: _Places, made: RayTarget | Exception) -> None:
-        now = self.renderer
-        if now.mesh is None or now.drawn[0] is not request[0] or now.hidden is not request[2]:
-            return  # computed for other positions or other hidden vertices
-        if isinstance(made, Exception):
-            raise made
-        self.renderer.picker = made
-        self.plotter.render()  # now draws pins behind the mesh fainter
-        self.picking_ready.emit()
 
     @property
     def at_rest(self) -> bool:
@@ -437,26 +340,6 @@ class MeshView(QWidget):
         self.plotter.strokes = taken
         self.plotter.setCursor(Qt.CursorShape.CrossCursor if taken else Qt.CursorShape.ArrowCursor)
         self.outline.show_line([])
-
-    @property
-    def unit_per_pixel(self) -> float:
-        """Width of a logical pixel in the mesh's unit; 0 without a mesh."""
-        (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
-        return 0.0 if view is None else ratio * view.length_per_pixel(width, height)
-
-    def projection(self) -> Projection | None:
-        """Return the projection of the displayed vertices; None without a mesh."""
-        drawing, view = self.renderer, self.renderer.view
-        if drawing.mesh is None or view is None:
-            return None
-        width, height, _ = self.plotter.pixels()
-        return Projection(
-            *drawing.drawn,
-            view.axes,
-            view.focus - drawing.centre,
-            view.length_per_pixel(width, height),
-            (width / 2.0, height / 2.0),
-        )
 
     # -- the mouse --------------------------------------------------------------------------
 
@@ -509,7 +392,7 @@ class MeshView(QWidget):
             self._set_hovered(-1)
         else:
             self._set_hovered(self.pinned_or_at(inside.x(), inside.y()))
-            point = self._drawn_point_at(inside.x(), inside.y())
+            point = self.drawn_point_at(inside.x(), inside.y())
         if cloud is not None and point >= 0:
             point = int(cloud.rows[point])
         if point != self._hovered_point:
@@ -524,7 +407,8 @@ class MeshView(QWidget):
     def _place_ring(self) -> None:
         vertex = self._hovered if self._hovered >= 0 else self._pointed
         if vertex >= 0 and not self.plotter.strokes:  # the brush shows a circle instead
-            self._ring.show_at(self.display_point(vertex))
+            middle = QPointF(self.display_point(vertex)) + QPointF(0.5, 0.5)
+            self._ring.show_circle(middle, _RING)
         else:
             self._ring.hide()
 
@@ -543,9 +427,12 @@ class MeshView(QWidget):
         """Centre on the vertex under the pointer, and magnify the view slightly."""
         if self._last_clicked >= 0:
             self.click_revoked.emit()
+        self._centre_at(at, _CLOSER)
+
+    def _centre_at(self, at: QPointF, closer: float = 1.0) -> None:
         vertex = self.vertex_near(at.x(), at.y())
         if vertex >= 0:
-            self.centre_on(vertex, _CLOSER)
+            self.centre_on(vertex, closer)
 
     def centre_on(self, vertex: int, closer: float = 1.0) -> None:
         """Centre on a vertex, and magnify the view by a factor."""
@@ -587,20 +474,6 @@ class MeshView(QWidget):
         self._flown = start.towards(end, share) if share < 1.0 else end
         self._set_view(self._flown)
 
-    def set_marks(self, marks: Marks | None, of: str = "faults") -> None:
-        """Draw marks over the surface in place of the marks of the same name; None removes them."""
-        self.renderer.set_overlay(marks, of)
-        self.plotter.render()
-
-    def set_points(self, points: PointCloud | None) -> None:
-        self.renderer.set_overlay(points, "points")
-        self.plotter.render()
-
-    def _centre_on(self, at: QPointF) -> None:
-        vertex = self.vertex_near(at.x(), at.y())
-        if vertex >= 0:
-            self.centre_on(vertex)
-
     def _resized(self) -> None:
         if self.renderer.view is not None and not self.turned_by_hand:
             self._fit()
@@ -627,8 +500,3 @@ def _facing(outwards: FloatArray, axes: FloatArray) -> FloatArray:
     eye = outwards / np.linalg.norm(outwards)
     turn, _ = Rotation.align_vectors(eye[np.newaxis], axes[2][np.newaxis])
     return np.asarray(turn.apply(axes))
-
-
-def _ray_target(request: _Places, cancel: CancelCallback) -> RayTarget:
-    points, faces, hidden = request
-    return RayTarget(points, faces if hidden is None else faces[~hidden[faces].any(axis=1)], cancel)

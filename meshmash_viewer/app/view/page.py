@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.app.view.annotations import AXIS_COLORS, Caption, Pin, PointLegend
+from meshmash_viewer.app.view.annotations import AXIS_COLORS
 from meshmash_viewer.app.view.camera import View
+from meshmash_viewer.app.view.caption import Caption, Pin, PointLegend
 from meshmash_viewer.app.view.style import NAN_COLOR, RenderTheme, bar_labels, color_table
 
 if TYPE_CHECKING:  # loaded when the first figure is composed

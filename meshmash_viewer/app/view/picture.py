@@ -16,7 +16,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
-from meshmash_viewer.app.view.annotations import Caption
+from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.style import LIGHT, NAN_COLOR, ColorMap
 from meshmash_viewer.errors import InputError

@@ -12,8 +12,8 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
-from meshmash_viewer.app.view.annotations import PointLegend
 from meshmash_viewer.app.view.camera import View
+from meshmash_viewer.app.view.caption import PointLegend
 from meshmash_viewer.app.view.style import NAN_COLOR, color_table, rgb
 from meshmash_viewer.app.view.surface import Overlay
 from meshmash_viewer.features.points import ProjectedPoints

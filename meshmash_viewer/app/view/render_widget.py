@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QEnterEvent,
@@ -316,12 +316,12 @@ class RenderWidget(QtInteractor):
 
 
 class Outline(QWidget):
-    """Widget that shows the line of a lasso or the circle of a brush without a new frame."""
+    """Widget that shows a line or a circle over the canvas without a new frame."""
 
-    def __init__(self, canvas: RenderWidget) -> None:
+    def __init__(self, canvas: RenderWidget, name: str, spoken: str) -> None:
         super().__init__(canvas)
-        self.setObjectName("stroke_outline")
-        self.setAccessibleName("Outline of the stroke")
+        self.setObjectName(name)
+        self.setAccessibleName(spoken)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._canvas, self._shape = canvas, QPolygonF()
         self.hide()
@@ -350,31 +350,3 @@ class Outline(QWidget):
         for color, width in (("#14181d", 3.5), ("#ffffff", 1.5)):
             painter.setPen(QPen(QColor(color), width))
             painter.drawPolygon(self._shape)
-
-
-class Ring(QWidget):
-    """Widget that marks the vertex under the pointer without a new frame."""
-
-    OUTER, INNER = 8, 5
-
-    def __init__(self, canvas: RenderWidget) -> None:
-        super().__init__(canvas)
-        self.setObjectName("hover_ring")
-        self.setAccessibleName("Vertex under the pointer")
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        size = 2 * self.OUTER + 3
-        self.resize(size, size)
-        self.hide()
-
-    def show_at(self, place: QPoint) -> None:
-        """Show the ring around a position on the canvas."""
-        self.move(place - self.rect().center())
-        self.show()
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        middle, radius = QPointF(self.rect().center()) + QPointF(0.5, 0.5), self.OUTER - 1.5
-        for color, width in (("#14181d", self.OUTER - self.INNER + 1.0), ("#ffffff", 1.5)):
-            painter.setPen(QPen(QColor(color), width))
-            painter.drawEllipse(middle, radius, radius)

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from meshmash_viewer.app.view.annotations import Caption, caption_of, margins
+from meshmash_viewer.app.view.annotations import margins
 from meshmash_viewer.app.view.camera import Margins, View, fitted_view
+from meshmash_viewer.app.view.caption import Caption, caption_of
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import OffScreen, text_scale
 from meshmash_viewer.app.view.style import DARK, LIGHT, fitted, font_file

@@ -13,7 +13,7 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPlane, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkAssembly, vtkMapper, vtkPolyDataMapper
 
-from meshmash_viewer.app.view.annotations import Caption, PointLegend
+from meshmash_viewer.app.view.caption import Caption, PointLegend
 from meshmash_viewer.app.view.style import (
     LIGHT,
     NAN_COLOR,
@@ -23,7 +23,9 @@ from meshmash_viewer.app.view.style import (
     rgb,
 )
 from meshmash_viewer.arrays import IntArray
+from meshmash_viewer.surface.decimation import CoarseMesh
 from meshmash_viewer.surface.masks import Mask
+from meshmash_viewer.surface.rays import Plane
 from meshmash_viewer.vertex_map import MOST_LABELS
 
 #: Lights faces from the eye's side in either orientation, because raw meshes mix orientations.
@@ -145,8 +147,8 @@ class Surface:
     def __init__(
         self,
         points: npt.NDArray[np.float32],
-        faces: npt.NDArray[np.integer],
         normals: npt.NDArray[np.float32],
+        faces: npt.NDArray[np.integer],
     ) -> None:
         self.values = self._given = np.zeros(len(points), dtype=np.float32)
         self._hidden: Mask | None = None
@@ -302,6 +304,34 @@ class Surface:
         self._uniforms.SetUniform3f("insideColor", rgb(theme.inside))
 
 
+class StandIn(Surface):
+    """Simplified surface that follows the values, selection and positions of the full surface."""
+
+    def __init__(
+        self,
+        mesh: CoarseMesh,
+        points: npt.NDArray[np.float32],
+        normals: npt.NDArray[np.float32],
+    ) -> None:
+        self.mesh, self._points, chosen = mesh, points, mesh.representatives
+        super().__init__(points[chosen], normals[chosen], mesh.faces)
+
+    def follow(
+        self,
+        full: Surface,
+        selected: Mask | None,
+        points: npt.NDArray[np.float32],
+        normals: npt.NDArray[np.float32],
+    ) -> None:
+        """Copy values, selection, displayed points and normals of the full surface."""
+        chosen = self.mesh.representatives
+        self.write(full.values[chosen])
+        self.select(None if selected is None else selected[chosen])
+        if points is not self._points:  # copying scattered rows is slow
+            self._points = points
+            self.move(points[chosen], normals[chosen])
+
+
 #: Diameters, in points, of marked points, of the corners of marked edges and faces (visible where
 #: an edge or face is smaller than a pixel), and of the nodes of a graph.
 _POINT, _CORNER, _NODE = 8.0, 5.0, 3.6
@@ -343,12 +373,15 @@ class Overlay:
     def hide(self, hidden: Mask | None) -> None:
         """Hide the parts at hidden vertices; by default nothing is hidden."""
 
-    def cut(self, plane: vtkPlane | None) -> None:
-        """Hide the part on the negative side of a plane; None hides nothing."""
+    def cut(self, plane: Plane | None) -> None:
+        """Hide the part behind a plane in mesh coordinates; None hides nothing."""
         for mapper in self._mappers:
             mapper.RemoveAllClippingPlanes()
             if plane is not None:
-                mapper.AddClippingPlane(plane)
+                clipping = vtkPlane()
+                clipping.SetNormal(*plane.normal)
+                clipping.SetOrigin(*(plane.level * plane.normal))
+                mapper.AddClippingPlane(clipping)
 
     def set_scale(self, scale: float) -> None:
         """Set the number of pixels per point."""

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from written_annotations import Written
 
-from meshmash_viewer.app.view.annotations import Caption, title_size
+from meshmash_viewer.app.view.annotations import title_size
+from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import OffScreen, draw_picture
 from meshmash_viewer.app.view.style import text_size

@@ -19,7 +19,7 @@ import meshmash_viewer.app.view.frames as frames_module
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.picture import displayed_surface
-from meshmash_viewer.app.view.render_widget import Ring
+from meshmash_viewer.app.view.render_widget import Outline
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
@@ -75,8 +75,8 @@ def facing(scene: MeshView, mesh: Mesh) -> np.ndarray:
     return np.flatnonzero(mesh.vertex_normals @ towards > 0.5)
 
 
-def ring(scene: MeshView) -> Ring:
-    return scene.findChild(Ring, "hover_ring")
+def ring(scene: MeshView) -> Outline:
+    return scene.findChild(Outline, "hover_ring")
 
 
 def on_canvas(scene: MeshView, vertex: int) -> QPoint:
@@ -404,7 +404,7 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
     scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
     qtbot.waitUntil(lambda: bool(drawing.coarse.actor.GetVisibility()), timeout=5000)
     assert not scene.at_rest
-    wanted = mesh.vertices[drawing._coarse_mesh.representatives, 0].astype(np.float32)
+    wanted = mesh.vertices[drawing.coarse.mesh.representatives, 0].astype(np.float32)
     # the coarse mesh gets its values in its first frame
     qtbot.waitUntil(lambda: np.array_equal(drawing.coarse.values, wanted), timeout=5000)
     scene.frames.rest.start(1)

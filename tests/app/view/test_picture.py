@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from meshmash_viewer.app.view.annotations import Caption
+from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture, new_drawing
 from meshmash_viewer.mesh import Mesh
