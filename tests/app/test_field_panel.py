@@ -413,9 +413,14 @@ def test_colour_maps_suit_the_field_and_limits_follow_the_policy(panel: FieldPan
     assert ends == ["12.345", "12.346"], "digits that tell them apart, in mm⁻¹"
     policies.activated.emit(policies.findData("percentile"))
     assert document.display.limits == PercentileLimits()
-    part(panel, "percentile_high_spin").setValue(90.0)
+    catch_up()
+    give(part(panel, "percentile_high_spin"), "90 %")
     assert document.display.limits == PercentileLimits(1.0, 90.0)
     arrive()
+    for text, sentence in (("0.5", "below"), ("101", "between 0 and 100\N{NO-BREAK SPACE}%.")):
+        give(part(panel, "percentile_high_spin"), text)
+        assert sentence in part(panel, "limits_fault").text()
+        assert document.display.limits == PercentileLimits(1.0, 90.0)
     give(part(panel, "limit_high_field"), "5e-5/nm")
     assert document.display.limits == LockedLimits(part(panel, "limit_low_field").value, 5e-5)
     assert policies.currentData() == "locked"

@@ -1,4 +1,4 @@
-"""Spin boxes that parse a finished text, or refuse it with a message."""
+"""Spin boxes for whole numbers, which parse a finished text or refuse it with a message."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLineEdit, QPushButton, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.controls.number_field import DecimalField, WholeField, typed_fields
+from meshmash_viewer.app.controls.number_field import WholeField, has_refused
 
 NAME = "The number of times"
 
 
 class Form(QWidget):
-    """A form with spin boxes of both kinds, which stores the last refusal."""
+    """A form with a spin box, which stores the last refusal."""
 
     def __init__(self, tracking: bool) -> None:
         super().__init__()
@@ -24,13 +24,9 @@ class Form(QWidget):
             minimum=1, maximum=2929, value=7, suffix=" of 2929", keyboardTracking=tracking,
             accessibleName=NAME,
         )  # fmt: skip
-        self.share = DecimalField(
-            decimals=1, minimum=0.0, maximum=100.0, value=2.0, suffix=" %",
-            keyboardTracking=tracking, accessibleName=NAME,
-        )  # fmt: skip
         self.other, self.button = QLineEdit(), QPushButton()
         box = QVBoxLayout(self)
-        for each in (self.whole, self.share, self.other, self.button):
+        for each in (self.whole, self.other, self.button):
             box.addWidget(each)
 
     def say_refusal(self, sentence: str) -> None:
@@ -89,29 +85,6 @@ def test_what_is_taken(form: Form, text: str, value: int) -> None:
     assert form.whole.text() == f"{value} of 2929"
 
 
-@pytest.mark.parametrize(
-    ("text", "value", "shown"),
-    [
-        ("5", 5.0, "5.0 %"), ("5 %", 5.0, "5.0 %"), ("2,5", 2.5, "2.5 %"),
-        ("99.95", 99.95, "99.95 %"),
-        ("1e-3", 0.001, "0.001 %"), ("100", 100.0, "100.0 %"),
-        ("101", None, "is between 0 and 100\N{NO-BREAK SPACE}%, not 101."), ("-1", None, "not -1."),
-        ("1,000", None, "1,000 may be 1000 or 1.0"), ("5 nm", None, "has a unit"),
-    ],
-)  # fmt: skip
-def test_decimals_are_taken_as_they_are(
-    form: Form, text: str, value: float | None, shown: str
-) -> None:
-    give(form.share, text)
-    QTest.qWait(1)
-    if value is None:
-        assert form.share.value() == 2.0
-        assert shown in form.said
-    else:
-        assert form.share.value() == value
-        assert form.share.text() == shown
-
-
 def test_it_goes_back_to_what_the_arrows_have_made_of_it(form: Form) -> None:
     give(form.whole, "20")
     QTest.keyClick(form.whole, Qt.Key.Key_Up)
@@ -121,9 +94,7 @@ def test_it_goes_back_to_what_the_arrows_have_made_of_it(form: Form) -> None:
 
 def test_a_button_can_know_that_its_press_has_refused_something(form: Form) -> None:
     known: list[bool] = []
-    form.button.pressed.connect(
-        lambda: known.append(any(e.just_refused for e in typed_fields(form)))
-    )
+    form.button.pressed.connect(lambda: known.append(has_refused(form)))
     form.button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
     for text in ("99999", "12"):
         form.whole.setFocus()

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.number_field import DecimalField, NumberField, WholeField
+from meshmash_viewer.app.controls.number_field import NumberField, WholeField
 
 _WATCHED = (QAbstractButton, QComboBox, QTabBar, QLineEdit, QAbstractSpinBox)
 _ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
@@ -91,7 +91,7 @@ class FocusKeys(QObject):
 def settle_typing() -> bool:
     """Commit the text of the focused field before a command; return False if it is invalid."""
     field = QApplication.focusWidget()
-    if isinstance(field, (NumberField, WholeField, DecimalField)):
+    if isinstance(field, (NumberField, WholeField)):
         return field.commit()
     edit = field.lineEdit() if isinstance(field, QComboBox) else field
     if isinstance(edit, QLineEdit) and edit.isModified():

@@ -43,7 +43,7 @@ class MessageBar(QFrame):
             role="link",
             tip="Copy the message and its technical details to the clipboard",
         )
-        action = "Undo", "message_action", "What the message offers"
+        action = "Undo", "message_action", "Action of the message"
         self._action = make.button(*action, self._act, role="link")
         self._dismiss = make.icon_button(
             "dismiss_message", "Dismiss the message", self.dismiss, tip="Dismiss", size=14

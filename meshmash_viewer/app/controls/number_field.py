@@ -1,60 +1,34 @@
-"""Spin boxes that validate a number when typing is finished, not at each key.
-
-Qt's spin boxes drop keys that would exceed the maximum, which silently changes the typed number:
-99999 becomes 999 when the maximum is 2929.
-"""
+"""Fields that validate a number when typing is finished, not at each key."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QValidator, QWheelEvent
-from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QSpinBox, QWidget
+from PySide6.QtWidgets import QAbstractSpinBox, QSpinBox, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.quantities import parse_number, parse_quantity, parse_whole
 from meshmash_viewer.units import NO_BREAK, engineering, format_number, format_range, plain_number
 
-if TYPE_CHECKING:
 
-    class _Spin(QAbstractSpinBox):
-        def value(self) -> Any: ...
-        def prefix(self) -> str: ...
-        def suffix(self) -> str: ...
-        def textFromValue(self, value: Any) -> str: ...
-
-else:
-    _Spin = object
-
-#: Decimals that can be typed in a `DecimalField`.
-_DECIMALS = 6
+def has_refused(within: QWidget) -> bool:
+    """Return whether the event being handled made a field within a widget reject its text."""
+    fields: list[WholeField | NumberField]
+    fields = [*within.findChildren(WholeField), *within.findChildren(NumberField)]
+    return any(each.just_refused for each in fields)
 
 
-def show_refusal(field: QWidget, sentence: str) -> None:
-    """Show why the text of a field is invalid; "" removes the message.
+class WholeField(QSpinBox):
+    """Spin box for a whole number between bounds, parsed on Return or when the focus leaves.
 
-    The innermost parent with a method `say_refusal`, a dialog or the window, shows the message.
-    """
-    parent = field.parentWidget()
-    while parent is not None and not hasattr(parent, "say_refusal"):
-        parent = parent.parentWidget()
-    if parent is not None:
-        parent.say_refusal(sentence)
-
-
-def typed_fields(within: QWidget) -> list[WholeField | DecimalField]:
-    """Return all whole and decimal fields within a widget."""
-    return [*within.findChildren(WholeField), *within.findChildren(DecimalField)]
-
-
-class _ValidatedSpin(_Spin):
-    """Base class of spin boxes that parse the text on Return or when the focus leaves.
-
-    Subclasses implement `_parse`.
+    QSpinBox drops keys that would exceed the maximum, which silently changes the typed number:
+    99999 becomes 999 when the maximum is 2929. The innermost parent with a method `say_refusal`, a
+    dialog or the window, shows why a text is invalid.
     """
 
     def __init__(self, **given: Any) -> None:
@@ -62,7 +36,7 @@ class _ValidatedSpin(_Spin):
         #: Whether the event being handled, such as a click, made the field reject its text.
         self.just_refused, self._fault = False, ""
         #: The value before typing began; None while nothing is typed.
-        self._before: Any = None
+        self._before: int | None = None
         self.lineEdit().textEdited.connect(self._note_before)
 
     def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
@@ -73,7 +47,7 @@ class _ValidatedSpin(_Spin):
             return QValidator.State.Intermediate, text, at
         return QValidator.State.Acceptable, text, at
 
-    def valueFromText(self, text: str) -> Any:
+    def valueFromText(self, text: str) -> int:
         return self._parse(text)
 
     def fixup(self, text: str) -> str:
@@ -121,53 +95,27 @@ class _ValidatedSpin(_Spin):
 
     def _report(self) -> None:
         self.just_refused = False
-        show_refusal(self, self._fault)
+        parent = self.parentWidget()
+        while parent is not None and not hasattr(parent, "say_refusal"):
+            parent = parent.parentWidget()
+        if parent is not None:
+            parent.say_refusal(self._fault)
 
     def _withdraw_report(self) -> None:
         if self._fault and not self.just_refused:
             self._fault = ""
-            show_refusal(self, "")
+            self._report()
 
-    def _without_affixes(self, text: str) -> str:
-        """Remove prefix and suffix; the suffix occurs twice if the user typed it, too."""
+    def _parse(self, text: str) -> int:
+        """Return the number in a text; raise `InputError` if it is invalid or out of bounds.
+
+        The suffix occurs twice if the user typed it, too.
+        """
         text, suffix = text.strip().removeprefix(self.prefix()), self.suffix().strip()
         while suffix and text.endswith(suffix):
             text = text.removesuffix(suffix).rstrip()
-        return text
-
-    def _parse(self, text: str) -> Any:
-        """Return the number in a text; raise `InputError` if it is invalid or out of bounds."""
-        raise NotImplementedError
-
-
-class WholeField(_ValidatedSpin, QSpinBox):
-    """Spin box for a whole number between bounds."""
-
-    def _parse(self, text: str) -> int:
-        bare, name = self._without_affixes(text), self.accessibleName() or "The number"
-        return parse_whole(bare, self.minimum(), self.maximum(), name)
-
-
-class DecimalField(_ValidatedSpin, QDoubleSpinBox):
-    """Spin box for a number with at least `decimals` decimals; its suffix is its unit."""
-
-    def __init__(self, *, decimals: int, **given: Any) -> None:
-        self._decimals = decimals
-        super().__init__(decimals=_DECIMALS, **given)
-
-    def textFromValue(self, value: float) -> str:
-        """Return the text of a number, without trailing zeros after `decimals` decimals."""
-        whole, _, part = f"{value:.{_DECIMALS}f}".partition(".")
-        return f"{whole}.{part.rstrip('0'):0<{self._decimals}}".rstrip(".")
-
-    def _parse(self, text: str) -> float:
-        text, unit = self._without_affixes(text), self.suffix().strip()
-        number, low, high = parse_number(text, unit), self.minimum(), self.maximum()
-        if not low <= number <= high:
-            between = format_range(low, high, unit, word="and")
-            name = self.accessibleName() or "The number"
-            raise InputError(f"{name} is between {between}, not {text}.")
-        return number
+        name = self.accessibleName() or "The number"
+        return parse_whole(text, self.minimum(), self.maximum(), name)
 
 
 #: Largest valid magnitude, and inverse of the smallest: squares of other numbers overflow.
@@ -179,11 +127,11 @@ class NumberField(QAbstractSpinBox):
 
     Qt's spin boxes have a fixed number of decimals, too few for 1e-8. `quantities` parses the text.
 
-    `step(number, n)` returns the number n steps away; without `step` there are no arrows. A `live`
-    field emits each valid number while typing. With `nearest`, a number beyond the bounds is
-    replaced by the nearest bound, not by the old value. `whole` numbers are written with all
-    digits. With `share`, percent can be typed. `tip` replaces the default tooltip, the number with
-    more digits.
+    `limits` are fixed bounds; without them `bounds` depend on the mesh. `step(number, n)` returns
+    the number n steps away; without `step` there are no arrows. A `live` field emits each valid
+    number while typing. With `nearest`, a number beyond the bounds is replaced by the nearest
+    bound, not by the old value. `whole` numbers are written with all digits. With `share`, percent
+    can be typed. `tip` replaces the default tooltip, the number with more digits.
     """
 
     #: The user typed a valid number, or stepped to one.
@@ -200,6 +148,7 @@ class NumberField(QAbstractSpinBox):
         name: str,
         spoken: str,
         *,
+        limits: tuple[float, float] | None = None,
         step: Callable[[float, int], float] | None = None,
         live: bool = False,
         nearest: bool = False,
@@ -209,7 +158,8 @@ class NumberField(QAbstractSpinBox):
     ) -> None:
         super().__init__()
         #: Smallest and largest valid number.
-        self.bounds = -math.inf, math.inf
+        self.bounds = limits or (-math.inf, math.inf)
+        self._limits = limits
         #: Returns why a number is invalid, in one sentence; "" if it is valid.
         self.fault: Callable[[float], str] = lambda _number: ""
         #: For fields in which a length can be typed instead of the number: a unit of length, and
@@ -352,10 +302,13 @@ class NumberField(QAbstractSpinBox):
         if fault := self.fault(number):
             return fault
         if not low <= number <= high:
-            between = format_range(low, high, self._unit, word="and", digits=1)
-            return f"{self.accessibleName()}: between about {between} on this mesh."
+            digits = 4 if self._limits else 1
+            between = format_range(low, high, self._unit, word="and", digits=digits)
+            if not self._limits:
+                between = f"about {between} on this mesh"
+            return f"{self.accessibleName()}: between {between}."
         if number and not 1.0 / _LARGEST <= abs(number) <= _LARGEST:
-            return f"{format_number(number)} is no size of a mesh: write a number such as 3.1e5."
+            return f"{format_number(number)} is out of range: write a number such as 3.1e5."
         return ""
 
     def _within(self, number: float) -> float:

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.field_events import FieldWheel
 from meshmash_viewer.app.controls.make import Part, column, form, reserved_note, row
-from meshmash_viewer.app.controls.number_field import typed_fields
+from meshmash_viewer.app.controls.number_field import has_refused
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.links import folder_of
@@ -89,18 +89,27 @@ class SaveDialog(QDialog):
         self._refresh_remark()
 
     def say_refusal(self, sentence: str) -> None:
-        """Show why the text of a field is invalid; see `number_field.show_refusal`."""
+        """Show why the text of a field is invalid; see `WholeField`."""
         self._refresh_remark()
         if sentence:
             self.remark_label.setText(sentence)
 
     def _note_refusal(self) -> None:
         """Record whether pressing the button made a field reject its text."""
-        self._refused = any(each.just_refused for each in typed_fields(self))
+        self._refused = has_refused(self)
+
+    def _fault(self) -> str:
+        """Return why the choices are invalid, or ""."""
+        return ""
+
+    def _remark(self) -> str:
+        """Return a sentence about valid choices, or ""."""
+        return self.file_row.remark
 
     def _refresh_remark(self) -> None:
-        self.accept_button.setEnabled(self.file_row.named)
-        self.remark_label.setText(self.file_row.remark)
+        fault = self._fault()
+        self.accept_button.setEnabled(self.file_row.named and not fault)
+        self.remark_label.setText(fault or self._remark())
 
     def _accept(self) -> None:
         if self._refused:  # the field has restored a value that the user has not seen yet
@@ -167,12 +176,11 @@ class FormatDialog(SaveDialog):
         if self._missing.get(ending) == "":
             self.format_combo.setCurrentIndex(self.format_combo.findData(ending))
 
-    def _refresh_remark(self) -> None:
-        super()._refresh_remark()
-        here = self._missing.get(self.path.suffix.lower(), "")
-        anywhere = " ".join(filter(None, self._missing.values()))
-        self.remark_label.setText(here or self.remark_label.text() or anywhere)
-        self.accept_button.setEnabled(self.accept_button.isEnabled() and not here)
+    def _fault(self) -> str:
+        return self._missing.get(self.path.suffix.lower(), "")
+
+    def _remark(self) -> str:
+        return super()._remark() or " ".join(filter(None, self._missing.values()))
 
 
 def ask_for_maps(parent: QWidget, folder: Path, what: str = "maps") -> list[Path]:

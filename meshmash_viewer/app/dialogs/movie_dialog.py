@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +11,12 @@ from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import QLabel, QWidget
 
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.make import row, show_quietly
-from meshmash_viewer.app.controls.number_field import DecimalField, WholeField
+from meshmash_viewer.app.controls.make import row
+from meshmash_viewer.app.controls.number_field import NumberField, WholeField
 from meshmash_viewer.app.dialogs.files import FormatDialog
 from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.view.annotations import Caption
+from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.series import Shot, series_view, turntable
@@ -70,14 +70,13 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self.motion_combo.addItem("Once around the mesh", _TURN)
         self.width_spin = self._pixels("movie_width_spin", "Width", 1280)
         self.height_spin = self._pixels("movie_height_spin", "Height", 720)
-        self.rate_spin = DecimalField(
-            minimum=0.5, maximum=120.0, decimals=1, suffix=" frames/s", value=TURN_RATE,
-            objectName="movie_rate_spin", accessibleName="Frames per second",
-        )  # fmt: skip
-        self.seconds_spin = DecimalField(
-            minimum=0.05, maximum=3600.0, decimals=2, suffix=" s", value=TURN_SECONDS,
-            objectName="movie_seconds_spin", accessibleName="Length in seconds",
-        )  # fmt: skip
+        self.rate_spin = NumberField(
+            "movie_rate_spin", "Frames per second", limits=(0.5, 120.0), step=_add, live=True
+        )
+        self.seconds_spin = NumberField(
+            "movie_seconds_spin", "Length in seconds", limits=(0.05, 3600.0), step=_add, live=True
+        )
+        self._show_speed(TURN_RATE, TURN_SECONDS)
         self.length_label = make.label("movie_length_label", "Length", role="value")
         self._inputs = (
             self.motion_combo, self.range, self.width_spin, self.height_spin, self.rate_spin,
@@ -93,8 +92,12 @@ class MovieDialog(SeriesDialog, FormatDialog):
         )
         self.motion_combo.currentIndexChanged.connect(self._suggest_length)
         self.range.changed.connect(self._suggest_length)
-        for spin in (self.width_spin, self.height_spin, self.rate_spin, self.seconds_spin):
+        for spin in (self.width_spin, self.height_spin):
             spin.valueChanged.connect(self._refresh)
+        for field in (self.rate_spin, self.seconds_spin):
+            field.edited.connect(self._refresh)
+            field.withdrawn.connect(self._refresh)
+            field.refused.connect(self.say_refusal)
         self.format_combo.currentIndexChanged.connect(self._refresh)
 
     def _pixels(self, name: str, text: str, value: int) -> WholeField:
@@ -122,7 +125,8 @@ class MovieDialog(SeriesDialog, FormatDialog):
         Raise `InputError` if the parameters of the movie are invalid.
         """
         spectrum, display = self._document.spectrum, self._document.display
-        rate, seconds = self.rate_spin.value(), self.seconds_spin.value()
+        rate, seconds = self.rate_spin.value, self.seconds_spin.value
+        assert rate is not None and seconds is not None  # noqa: PT018  shown by `_suggest_length`
         check_movie(f"movie{self.ending}", self.frame_size, rate)
         if self.turns or not spectrum:
             return [], n_frames(rate, seconds), rate
@@ -175,9 +179,12 @@ class MovieDialog(SeriesDialog, FormatDialog):
             family = shown_family(self._document.display)
             families, rate = film(family, spectrum, self.range.columns)
             seconds = len(families) / rate
-        show_quietly(self.rate_spin, rate)
-        show_quietly(self.seconds_spin, seconds)
+        self._show_speed(rate, seconds)
         self._refresh()
+
+    def _show_speed(self, rate: float, seconds: float) -> None:
+        self.rate_spin.show_value(rate, "frames/s", with_unit=True)
+        self.seconds_spin.show_value(seconds, "s", with_unit=True)
 
     def _refresh(self) -> None:
         self._size_text = ""
@@ -190,17 +197,20 @@ class MovieDialog(SeriesDialog, FormatDialog):
     def _refresh_remark(self) -> None:
         if self._painter.busy:
             return
-        text, fault = "", ""
-        try:
+        super()._refresh_remark()
+        text = ""
+        with suppress(InputError):
             _, count, rate = self._frames()
             text = f"{counted(count, 'frame')}, {count / rate:.4g} s"
             text += f", {self._size_text or 'measuring the size …'}"
-        except InputError as error:
-            fault = str(error)
-        super()._refresh_remark()
         self.length_label.setText(text)
-        self.remark_label.setText(fault or self.remark_label.text())
-        self.accept_button.setEnabled(self.accept_button.isEnabled() and not fault)
+
+    def _fault(self) -> str:
+        try:
+            self._frames()
+        except InputError as fault:
+            return str(fault)
+        return super()._fault()
 
     # -- making -------------------------------------------------------------------------------
 
@@ -262,6 +272,10 @@ class MovieDialog(SeriesDialog, FormatDialog):
             self._show_saving(False)
         else:
             super().reject()
+
+
+def _add(value: float, steps: int) -> float:
+    return value + steps
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import Part, column, form, row
-from meshmash_viewer.app.controls.number_field import DecimalField, NumberField
+from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.app.tabs import make_tab
 from meshmash_viewer.app.tabs.form import Player
@@ -91,12 +91,10 @@ class ColorSection(QWidget):
     def __init__(self, document: Document) -> None:
         super().__init__()
         self._document = document
-        self._signed: bool | None = None
-        #: `Family.limits_key` of the field.
-        self._field_key = ""
+        #: The displayed field, and its limits.
+        self.field: Field | None = None
         self._limits: Limits | None = None
-        self._unit = ""
-        self._labelled = self._bright_low = False
+        self._bright_low = False
         self._build()
         events = document.display.events
         colors = events.policies, events.diverging_colormap, events.sequential_colormap
@@ -129,17 +127,19 @@ class ColorSection(QWidget):
         tip = "Give a number to lock the limits"
         self.low = NumberField("limit_low_field", "Low limit", tip=tip)
         self.high = NumberField("limit_high_field", "High limit", tip=tip)
-        self.low.fault = lambda low: self._fault(low, self.high.value)
-        self.high.fault = lambda high: self._fault(self.low.value, high)
-        for field in (self.low, self.high):
-            field.edited.connect(self._lock)
-            field.refused.connect(self.fault.setText)
+        self.percent_low = self._percent_field("percentile_low_spin", "Low percentile")
+        self.percent_high = self._percent_field("percentile_high_spin", "High percentile")
+        for low, high, noun, act in (
+            (self.low, self.high, "limit", self._lock),
+            (self.percent_low, self.percent_high, "percentile", self._choose_percentiles),
+        ):
+            _keep_in_order(low, high, noun)
+            for field in (low, high):
+                field.edited.connect(act)
+                field.refused.connect(self.fault.setText)
         self.unit_label = make.muted()
         # wide enough for all units, so that the fields do not move
         self.unit_label.setMinimumWidth(self.unit_label.fontMetrics().horizontalAdvance("mm⁻²"))
-        default = PercentileLimits()
-        self.percent_low = self._percent_spin("Low percentile", default.low)
-        self.percent_high = self._percent_spin("High percentile", default.high)
         both = (self.percent_low,), make.muted("to"), (self.percent_high,)
         self.percentiles = make.holder(row(*both))
         parts: tuple[Part, ...] = (
@@ -154,12 +154,10 @@ class ColorSection(QWidget):
         """Set whether space is reserved for hidden controls, so that the others do not move."""
         make.keep_room(self.percentiles, keep)
 
-    def _percent_spin(self, text: str, value: float) -> DecimalField:
-        spin = DecimalField(decimals=1, minimum=0.0, maximum=100.0, suffix=" %", value=value)
-        spin.setKeyboardTracking(False)
-        spin.valueChanged.connect(self._choose_percentiles)
-        end, what = text.lower().split()
-        return theme.named(spin, f"{what}_{end}_spin", text)
+    def _percent_field(self, name: str, spoken: str) -> NumberField:
+        return NumberField(
+            name, spoken, limits=(0.0, 100.0), step=lambda value, steps: value + steps
+        )
 
     # -- from the user ----------------------------------------------------------------------
 
@@ -179,49 +177,43 @@ class ColorSection(QWidget):
         self._document.display.set_log_scale(_SCALES[key][0], self._key)
 
     def _choose_percentiles(self, _value: float) -> None:
-        low, high = self.percent_low.value(), self.percent_high.value()
-        if low < high:
+        low, high = self.percent_low.value, self.percent_high.value
+        if low is not None and high is not None and low < high:
             self._document.display.set_limits(PercentileLimits(low, high), self._key)
-        self.fault.setText("" if low < high else "The low percentile has to be below the high one.")
+        else:
+            self.refresh()  # undoes a step beyond the other percentile
 
     def _lock(self, _value: float) -> None:
         low, high = self.low.value, self.high.value
         if low is not None and high is not None:
-            self.fault.setText("")
             self._document.display.set_limits(LockedLimits(low, high), self._key)
-
-    def _fault(self, low: float | None, high: float | None) -> str:
-        disorder = low is not None and high is not None and low >= high
-        return "The low limit has to be below the high one." if disorder else ""
 
     # -- from the model ---------------------------------------------------------------------
 
     def set_field(self, field: Field | None, limits: Limits | None) -> None:
-        """Show the limits of the displayed field; None without a field."""
-        self._signed = None if field is None else field.signed
-        self._field_key = "" if field is None else field.family.limits_key
-        self._unit = "" if field is None else field.unit
-        self._labelled = field is not None and bool(field.labels)
-        self._limits = None if field is None else limits
-        self.refresh()
+        """Set the displayed field and its limits, which are shown by the next `refresh`."""
+        self.field, self._limits = field, None if field is None else limits
 
     def _forget(self) -> None:
         if self._document.spectrum is None:
             self.set_field(None, None)
+            self.refresh()
 
     @property
     def _key(self) -> str:
         """Limits key of the drawn field, or of the displayed family until its field is drawn."""
-        family = self._document.display.family
-        is_shown = self._field_key.partition(":")[0] == family.name
-        return self._field_key if is_shown else family.limits_key
+        family, shown = self._document.display.family, self.field
+        is_shown = shown is not None and shown.family.limits_key.partition(":")[0] == family.name
+        return shown.family.limits_key if shown is not None and is_shown else family.limits_key
 
     def _is_signed(self) -> bool:
-        signed = self._signed
-        return self._document.display.family.signed if signed is None else signed
+        shown = self.field
+        return self._document.display.family.signed if shown is None else shown.signed
 
     def refresh(self) -> None:
-        display, signed = self._document.display, self._is_signed()
+        display, field, signed = self._document.display, self.field, self._is_signed()
+        labelled = field is not None and bool(field.labels)
+        unit = "" if field is None else field.unit
         names = DIVERGING if signed else SEQUENTIAL
         chosen = display.diverging_colormap if signed else display.sequential_colormap
         wanted = [*names, *([] if chosen in names else [chosen])]
@@ -240,15 +232,15 @@ class ColorSection(QWidget):
         self.percentiles.setVisible(isinstance(policy, PercentileLimits))
         limits = self._limits
         if isinstance(policy, PercentileLimits):
-            make.show_quietly(self.percent_low, policy.low)
-            make.show_quietly(self.percent_high, policy.high)
+            self.percent_low.show_value(policy.low, "%", with_unit=True)
+            self.percent_high.show_value(policy.high, "%", with_unit=True)
         elif isinstance(policy, LockedLimits) and not (limits and limits.logarithmic):
             limits = Limits(policy.low, policy.high)
-        if self._labelled:  # labels have colours but no limits
+        if labelled:  # labels have colours but no limits
             limits = None
         for control in (self.map_combo, self.policy_combo, self.percentiles):
-            control.setEnabled(not self._labelled)
-        self.scale_combo.setEnabled(not (self._labelled or signed))
+            control.setEnabled(not labelled)
+        self.scale_combo.setEnabled(not (labelled or signed))
         scales = [scale for scale, _ in _SCALES.values()]
         self.scale_combo.setCurrentIndex(scales.index(display.log_scales.get(self._key)))
         # the text of the entry includes the automatic scale of this field
@@ -260,12 +252,19 @@ class ColorSection(QWidget):
         like = math.sqrt(ends[0] * ends[1]) if logarithmic else max(map(abs, ends))
         digits = distinct_digits(*ends)
         is_typed = self.low.is_typed or self.high.is_typed
-        for field, end in ((self.low, low), (self.high, high)):
+        for each, end in ((self.low, low), (self.high, high)):
             if not is_typed:
-                field.show_value(end, self._unit, like=like, digits=digits)
-            field.setEnabled(end is not None)
+                each.show_value(end, unit, like=like, digits=digits)
+            each.setEnabled(end is not None)
         self.unit_label.setText(self.low.written_unit)
-        self.unit_label.setVisible(bool(self._unit))
+        self.unit_label.setVisible(bool(unit))
+
+
+def _keep_in_order(low: NumberField, high: NumberField, noun: str) -> None:
+    """Make both fields refuse numbers that are not in order."""
+    disorder = f"The low {noun} has to be below the high one."
+    low.fault = lambda number: "" if high.value is None or number < high.value else disorder
+    high.fault = lambda number: "" if low.value is None or number > low.value else disorder
 
 
 #: Columns of the list of families, and the height of its rows in pixels.
@@ -316,7 +315,6 @@ class FieldPanel(QWidget):
         theme.named(self, "field_panel", "Field")
         self._document = document
         self._player = Player(document, self)
-        self._shown: tuple[Field | None, Limits | None] = None, None
         self.list = FamilyList()
         self._stack = QStackedWidget()
         self._pages = {name: make_tab(document, family) for name, family in FAMILIES.items()}
@@ -340,14 +338,13 @@ class FieldPanel(QWidget):
         self.colors.keep_room(self.height() >= _ROOMY)
 
     def set_field(self, field: Field | None, limits: Limits | None) -> None:
-        self._shown = field, limits
+        self.colors.set_field(field, limits)
         later(self._show_field)
 
     def _show_field(self) -> None:
-        field, limits = self._shown
-        self.colors.set_field(field, limits)
+        self.colors.refresh()
         for page in self._pages.values():
-            page.show_field(field)
+            page.show_field(self.colors.field)
 
     def _choose_kind(self, row: int) -> None:
         self._document.display.kind = list(self._pages)[row]

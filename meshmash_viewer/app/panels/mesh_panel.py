@@ -22,7 +22,7 @@ from meshmash_viewer.app.arrangement import progress_text, show_progress
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.document_controls import UnitCombo, written_cost
 from meshmash_viewer.app.controls.make import Part, column, grid, row
-from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.controls.number_field import NumberField, has_refused
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
@@ -170,7 +170,7 @@ class MeshPanel(QWidget):
 
     def _build_part(self) -> QVBoxLayout:
         document = self._document
-        self.part_label = make.label("part_label", "Vertices that are computed", role="muted")
+        self.part_label = make.label("part_label", "Vertices with eigenpairs", role="muted")
         self.part_label.setToolTip("Selected vertices without a selected face are left out.")
         self.selection_button = make.button(
             "Compute on the selection",
@@ -281,9 +281,9 @@ class MeshPanel(QWidget):
         self.cancel_button = make.button(
             "Cancel",
             "cancel_button",
-            "Cancel what runs",
+            "Cancel the running task",
             self._document.work.cancel,
-            tip=f"Stop; eigenpairs that have converged stay ({native_keys('Esc')})",
+            tip=f"Stop, and keep converged eigenpairs ({native_keys('Esc')})",
         )
         buttons = row(self.compute_button, self.cancel_button)
         buttons.setStretch(0, 2)
@@ -292,7 +292,7 @@ class MeshPanel(QWidget):
         theme.named(self.progress_bar, "progress_bar", "Progress")
         make.keep_room(self.progress_bar)
         # both labels share one place of fixed size, so that the buttons above do not move
-        self.progress_label = make.reserved_note("progress_label", 4, "muted", "What is being done")
+        self.progress_label = make.reserved_note("progress_label", 4, "muted", "Running task")
         self.proof_label = make.reserved_note("proof_label", 4, "proof", "Proof of the eigenpairs")
         self.proof_label.setToolTip(
             "Pairs computed, whether the count is certified complete, the worst residual "
@@ -308,7 +308,7 @@ class MeshPanel(QWidget):
 
     def _note_refusal(self) -> None:
         """Record whether pressing the button ended the typing of an invalid number."""
-        self._refused = any(each.just_refused for each in self.findChildren(NumberField))
+        self._refused = has_refused(self)
 
     def _compute(self) -> None:
         if not self._refused:  # the user has not seen yet that the number was replaced
