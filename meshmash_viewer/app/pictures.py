@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
     from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
-    from meshmash_viewer.app.view.figure import FigureOptions, Frame
+    from meshmash_viewer.app.view.figure import FigureOptions, Panel
     from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
     from meshmash_viewer.app.view.mesh_view import MeshView
     from meshmash_viewer.mesh import Mesh
@@ -75,19 +75,22 @@ class Pictures:
         """Return the renders that display a mesh."""
         return [scene for scene in self._opening.scenes if scene.mesh is not None]
 
-    def _seen(self) -> list[Frame]:
-        """Return the content of the renders; empty until large meshes have been simplified."""
-        from meshmash_viewer.app.view.figure import frame_of
+    def _seen(self) -> list[Panel]:
+        """Return the visible parts of the meshes; empty until large meshes have been simplified.
 
-        frames = []
+        `InputError` is raised if no part of a mesh is visible.
+        """
+        from meshmash_viewer.app.view.figure import panel_of
+
+        panels = []
         for scene in self._scenes():
             pixels = scene.frames.mesh_alone()
             if pixels is None:
                 return []
-            frames.append(frame_of(scene.renderer, pixels))
+            panels.append(panel_of(scene.renderer, pixels))
         # weak references, so that a mesh closed before the next picture is freed
         self._previewed = [_reference(scene.renderer) for scene in self._scenes()]
-        return frames
+        return panels
 
     def _write_picture(self, dialog: FigureDialog) -> None:
         from meshmash_viewer.app.view.figure import compose, save_figure, seen_of, sharpened

@@ -63,7 +63,7 @@ FORMATS = (
     Format("GIFTI functional", ".func.gii", "maps for neuroimaging tools", 5, 0),
     Format("GIFTI shape", ".shape.gii", "maps of the shape, such as curvature", 5, 0),
     *(
-        Format(each.package, each.name, "what that plug-in writes", 8, 0)
+        Format(each.package, each.name, "the format of the plug-in", 8, 0)
         for each in known_plug_ins()
         if each.group == "writers" and not each.fault
     ),
@@ -106,7 +106,7 @@ class ExportDialog(SaveDialog):
             for kind, family in EXPORTS.items()
             if len(self._spectrum) or not configured(document, family).of_pairs
         }
-        labels[_MAPS] = "Maps: what is shown, and own maps"
+        labels[_MAPS] = "Maps: the displayed field, and own maps"
         self.kind_combo = make.combo("export_kind_combo", "What to export", entries=labels)
         most = len(self._spectrum)
         self.pairs_spin = make.spin(
@@ -137,7 +137,7 @@ class ExportDialog(SaveDialog):
         repaired = holder(column(self.repairs_label, self.whole_check, spacing=4))
         self._columns_row = holder(row(self.count_spin, (self.maps_check,), spacing=12))
         self._build_table()
-        self.contents_label = self._label("export_contents_label", "What the file will contain", 3)
+        self.contents_label = self._label("export_contents_label", "Contents of the file", 3)
         self.columns_label = self._label("export_columns_label", "Columns", 2)
         self._arrange(
             ("What", self.kind_combo),
@@ -328,7 +328,7 @@ class ExportDialog(SaveDialog):
         self._missing = ""
         if self._maps_alone:
             maps = [each.name for each in self._chosen_maps()]
-            about = "The field is still being computed, or approximate: wait until it is exact."
+            about = "The field is still being computed, or approximate: wait for the exact field."
             return maps, "" if maps else about
         used, unit = self._used(), self._mesh.unit
         family = self._family(used)
@@ -347,12 +347,14 @@ class ExportDialog(SaveDialog):
             names += [each.name for each in named_apart(self._mesh.maps, names)]
         return names, f"{about} Values in {values}.".lstrip() if values else about
 
-    def _refresh_remark(self) -> None:
+    def _remark(self) -> str:
         partial = ""
         if not (self._maps_alone or self._spectrum.complete) and self._chosen().of_pairs:
             partial = "The decomposition is not complete: the file will say so."
-        parts = self._missing, partial, self.file_row.remark
-        self.remark_label.setText(" ".join(filter(None, parts)))
+        return " ".join(filter(None, (self._missing, partial, super()._remark())))
+
+    def _refresh_remark(self) -> None:
+        super()._refresh_remark()
         self.accept_button.setEnabled(self._possible and self.file_row.named)
 
 

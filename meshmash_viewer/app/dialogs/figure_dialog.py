@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,14 +18,7 @@ from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, grid, row, show_quietly
 from meshmash_viewer.app.dialogs.files import FormatDialog
-from meshmash_viewer.app.view.figure import (
-    FigureOptions,
-    Frame,
-    Panel,
-    compose,
-    panel_of,
-    picture_of,
-)
+from meshmash_viewer.app.view.figure import FigureOptions, Panel, compose, picture_of
 from meshmash_viewer.app.view.page import MM
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import CancelCallback
@@ -122,58 +115,51 @@ class SheetDialog(FormatDialog):
     def _change(self, *_: object) -> None:
         self._refresh_remark()
 
-    def _refresh_remark(self) -> None:
-        super()._refresh_remark()
+    def _fault(self) -> str:
         try:
             _ = self.options
         except InputError as fault:
-            self.remark_label.setText(str(fault))
-            self.accept_button.setEnabled(False)
+            return str(fault)
+        return super()._fault()
 
 
 @dataclass(frozen=True, eq=False)
 class _Preview:
     """A request for a preview of at most `size` pixels."""
 
-    seen: Sequence[Frame | Panel]
+    panels: Sequence[Panel]
     options: FigureOptions
     size: tuple[int, int]
 
 
-@dataclass(frozen=True, eq=False)
-class _Drawn:
-    """A preview, the size of the figure in mm, and the panels of the figure."""
-
-    pixels: npt.NDArray[np.uint8]
-    size: tuple[float, float]
-    panels: Sequence[Panel]
+#: Pixels of a preview, and width and height of the figure in mm.
+_Drawn: TypeAlias = tuple[npt.NDArray[np.uint8], tuple[float, float]]
 
 
 def _drawn(request: _Preview, _cancel: CancelCallback) -> _Drawn:
-    panels = [panel_of(each) if isinstance(each, Frame) else each for each in request.seen]
-    figure = compose(panels, request.options)
+    figure = compose(request.panels, request.options)
     wide, high = figure.get_size_inches()
     pixels = picture_of(figure, min(request.size[0] / wide, request.size[1] / high))
-    return _Drawn(pixels, (wide * MM, high * MM), panels)
+    return pixels, (wide * MM, high * MM)
 
 
 class FigureDialog(SheetDialog):
     """Dialog for size, contents and file of a figure, with a preview.
 
-    `seen` returns a frame of each render, or no frames while the renders cannot be drawn quickly.
-    Call `look` when its result may have changed.
+    `seen` returns the visible part of each mesh, or nothing while the renders cannot be drawn
+    quickly. Call `look` when its result may have changed.
     """
 
     def __init__(
         self,
         path: Path,
-        seen: Callable[[], Sequence[Frame]],
+        seen: Callable[[], Sequence[Panel]],
         parent: QWidget | None = None,
         before: FigureOptions | None = None,
     ) -> None:
         self._seen = seen
-        self._frames: Sequence[Frame] = ()
-        self._panels: Sequence[Panel] = ()
+        #: The panels of the preview; empty until the renders have been drawn.
+        self.panels: Sequence[Panel] = ()
         super().__init__(path, parent, before, _FORMATS)
         self._painter: LatestThread[_Preview] = LatestThread(_drawn, self._take, parent=self)
 
@@ -207,14 +193,12 @@ class FigureDialog(SheetDialog):
         shown: dict[str, Any] = {name: check.isChecked() for name, check in self.checks.items()}
         return replace(super().options, font_points=float(self.font_spin.value()), **shown)
 
-    @property
-    def panels(self) -> Sequence[Panel]:
-        """The panels of the preview; empty until it has been drawn."""
-        return self._panels
-
     def look(self) -> None:
-        if not self._frames and self.isVisible():
-            self._frames = self._seen()
+        if not self.panels and self.isVisible():
+            try:
+                self.panels = self._seen()
+            except InputError as fault:
+                self.preview.setText(str(fault))
             self._change()
 
     @property
@@ -228,12 +212,11 @@ class FigureDialog(SheetDialog):
 
     def _change(self, *_: object) -> None:
         super()._change()
-        seen = self._panels or self._frames
-        if not seen or not self.accept_button.isEnabled():
+        if not self.panels or not self.accept_button.isEnabled():
             return
         ratio = self.devicePixelRatioF()
         size = round(ratio * self.preview.width()), round(ratio * self.preview.height())
-        self._painter.ask(_Preview(seen, self.options, size))
+        self._painter.ask(_Preview(self.panels, self.options, size))
 
     def _take(self, _request: _Preview, drawn: _Drawn | Exception) -> None:
         if isinstance(drawn, InputError):
@@ -243,11 +226,11 @@ class FigureDialog(SheetDialog):
         elif isinstance(drawn, Exception):
             raise drawn
         else:
-            self._panels = drawn.panels
-            self.preview.show_pixels(drawn.pixels)
+            picture, size = drawn
+            self.preview.show_pixels(picture)
             dpi = self.options.dpi
-            mm = " × ".join(f"{round(side, 1):g}" for side in drawn.size)
-            pixels = " × ".join(f"{round(side / MM * dpi):,}" for side in drawn.size)
+            mm = " × ".join(f"{round(side, 1):g}" for side in size)
+            pixels = " × ".join(f"{round(side / MM * dpi):,}" for side in size)
             self.size_label.setText(f"{mm} mm, {pixels} pixels")
 
 

@@ -2,7 +2,6 @@
 
 A figure is made in three steps: `panel_of` finds the visible part of the mesh in a frame,
 `sharpened` draws that part with the resolution of the figure, and `compose` adds the annotations.
-`panel_of` and `compose` may run in any thread.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.app.view.annotations import Caption, Pin, PointLegend
 from meshmash_viewer.app.view.camera import View
+from meshmash_viewer.app.view.caption import Caption, Pin, PointLegend
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.page import (
     MM,
@@ -123,26 +122,6 @@ class Panel:
         return replace(self.view, half_size=self.view.half_size * share)
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """A frame without background and annotations."""
-
-    #: RGBA with premultiplied alpha, shape (height, width, 4), see `OffScreen.draw`.
-    pixels: npt.NDArray[np.uint8]
-    view: View
-    around: Around
-
-
-def frame_of(drawing: MeshRenderer, pixels: npt.NDArray[np.uint8]) -> Frame:
-    """Return a frame with given pixels, and view and annotations of a drawing."""
-    assert drawing.view is not None
-    assert drawing.mesh is not None
-    caption, pins = drawing.shown_caption, drawing.placed_pins()
-    mesh = drawing.mesh
-    around = Around(mesh.name, caption, pins, mesh.unit, drawing.theme, drawing.legend)
-    return Frame(pixels, drawing.view, around)
-
-
 @dataclass(frozen=True)
 class _Place:
     """Place of a panel on the page."""
@@ -171,18 +150,24 @@ def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> 
     wide, high = (max(round(side * _TRIAL / max(size)), 1) for side in size)
     drawing.annotated = False
     with closing(OffScreen(drawing, (wide, high), transparent=True, samples=1)) as window:
-        return panel_of(frame_of(drawing, window.draw()))
+        return panel_of(drawing, window.draw())
 
 
-def panel_of(frame: Frame) -> Panel:
-    """Return the visible part of the mesh in a frame; may run in any thread.
+def panel_of(drawing: MeshRenderer, picture: npt.NDArray[np.uint8]) -> Panel:
+    """Return the visible part of the mesh in the last frame of a drawing.
+
+    `picture` is the frame without background and annotations, with premultiplied alpha (see
+    `OffScreen.draw`), shape (height, width, 4).
 
     Raises
     ------
     InputError
         If no part of the mesh is visible.
     """
-    view, picture = frame.view, frame.pixels
+    mesh, view = drawing.mesh, drawing.view
+    assert mesh is not None and view is not None  # noqa: PT018  a frame has been drawn
+    caption, pins = drawing.shown_caption, drawing.placed_pins()
+    around = Around(mesh.name, caption, pins, mesh.unit, drawing.theme, drawing.legend)
     high, wide, _ = picture.shape
     opaque = picture[..., 3] > 0
     if not opaque.any():
@@ -200,7 +185,7 @@ def panel_of(frame: Frame) -> Panel:
         replace(view, focus=view.from_pixels(*middle, wide, high), half_size=half),
         picture[top:foot, left:right],
         float((foot - top) / (right - left)),
-        frame.around,
+        around,
     )
 
 
