@@ -47,15 +47,15 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Double click", "Centre the surface under the pointer, and zoom in a little"),
     ("Middle click", "Centre the surface under the pointer"),
     ("Move", "Read index and value of the vertex under the pointer"),
-    ("Click", "Pin that vertex, or take its pin away"),
-    ("Drag a pin", "Move it along the surface"),
+    ("Click", "Pin the vertex under the pointer, or remove its pin"),
+    ("Drag a pin", "Move the pin along the surface"),
     ("Drag the ball of the clipping plane, or its arrow", "Move or turn the plane"),
     ("Drag with Select on", "Select; with Shift in addition, with Alt take away"),
     ("Middle button with Select on, or Ctrl + drag", "Rotate"),
-    ("Right click", "Everything that can be done at a vertex, a pin or next to the mesh"),
-    ("Drop a file", "Open it, or add its values per vertex, or points, to the mesh"),
-    ("Drop a mesh on the right half of the window", "Compare it with the open one"),
-    ("Drop values per vertex on the second mesh", "Add them to that one"),
+    ("Right click", "Open the menu of a vertex, of a pin or of the render"),
+    ("Drop a file", "Open the file, or add its values per vertex or its points to the mesh"),
+    ("Drop a mesh on the right half of the window", "Compare the dropped mesh with the open mesh"),
+    ("Drop values per vertex on the second mesh", "Add the values to the second mesh"),
 )
 
 
@@ -73,7 +73,7 @@ class Command:
     separated : bool
         Whether a separator precedes the command in menu and toolbar.
     needs : str
-        The condition under which the command is enabled, a key in `Commands.there`; "" for always.
+        The condition under which the command is enabled, see `Commands.met_needs`; "" for always.
     does : tuple of str and object, optional
         Name and argument of the method that implements the command; by default the method `name`.
     """
@@ -135,7 +135,7 @@ COMMANDS: tuple[Command, ...] = (
             "Write features, eigenpairs or maps of this mesh to a file", ("Ctrl+E",),
             toolbar="Export", icon="export", separated=True, needs="render"),
     Command("save_picture", "Save picture…", "File",
-            "Save what is on screen for a paper or a talk: width in mm, text and bars as vectors",
+            "Save the render for a paper or a talk: width in mm, text and bars as vectors",
             ("Ctrl+Shift+S",), toolbar="Picture", icon="picture", needs="render"),
     Command("gallery", "Gallery…", "File",
             "Look at all columns of this family side by side, go to one, or save them as a picture",
@@ -150,16 +150,17 @@ COMMANDS: tuple[Command, ...] = (
     Command("copy_script", "Copy script", "File",
             "Copy a Python script that reproduces what is on screen", ("Ctrl+Alt+C",),
             needs="mesh"),
-    Command("quit", "Quit", "File", "Close the window and stop what runs", ("Ctrl+Q",),
+    Command("quit", "Quit", "File", "Close the window and stop its tasks", ("Ctrl+Q",),
             separated=True),
     # -- Edit
     Command("undo", "Undo", "Edit",
             "Revert the last change of pins, signs, unit, repairs, maps, colours or limits",
-            ("Ctrl+Z",)),
-    Command("redo", "Redo", "Edit", "Make the change again that was undone last",
-            ("Ctrl+Shift+Z", "Ctrl+Y")),
-    Command("compute", "Compute eigenpairs", "Edit", "Decompose the mesh as the Mesh panel says",
-            ("Ctrl+Return",), separated=True, needs="mesh"),
+            ("Ctrl+Z",), needs="undo"),
+    Command("redo", "Redo", "Edit", "Repeat the change that was undone last",
+            ("Ctrl+Shift+Z", "Ctrl+Y"), needs="redo"),
+    Command("compute", "Compute eigenpairs", "Edit",
+            "Compute the eigenpairs requested in the Mesh panel", ("Ctrl+Return",),
+            separated=True, needs="target"),
     Command("compute_selection", "Compute on the selection", "Edit",
             "Compute eigenpairs on the selected vertices alone, as if the rest were cut off",
             needs="selection"),
@@ -170,8 +171,8 @@ COMMANDS: tuple[Command, ...] = (
             "Compute features in overlapping pieces, for a mesh too large to be solved whole",
             needs="render"),
     Command("cancel", "Cancel", "Edit",
-            "Stop what runs; eigenpairs that have converged stay. Else clear the selection",
-            ("Esc",)),
+            "Stop the running task and keep converged eigenpairs, or clear the selection",
+            ("Esc",), needs="job or selection"),
     Command("clear_cache", "Clear stored eigenpairs…", "Edit",
             "Delete the eigenpairs kept on disk for meshes opened before", separated=True),
     # -- View
@@ -189,14 +190,14 @@ COMMANDS: tuple[Command, ...] = (
       )),
     Command("nodal_lines", "Nodal lines", "View",
             "Draw the lines where the field is zero, or at round distances", ("N",),
-            checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),
+            checkable=True, toolbar="Nodal lines", icon="nodal", needs="lines"),
     Command("label_borders", "Borders of labels", "View",
             "Draw the borders between the labels of the current set, over any field", ("B",),
             checkable=True, needs="mesh"),
     Command("cut", "Cut", "View",
-            "Cut the mesh at a plane: drag its ball to move it, its arrow to turn it", ("C",),
-            checkable=True, needs="render", submenu="Clipping plane"),
-    Command("flip_cut", "Other side", "View", "Show the side that is cut away instead",
+            "Cut the mesh at a plane: drag the ball to move the plane, the arrow to turn it",
+            ("C",), checkable=True, needs="render", submenu="Clipping plane"),
+    Command("flip_cut", "Other side", "View", "Show the other side of the plane",
             ("Shift+C",), needs="cut", submenu="Clipping plane"),
     *(Command(f"cut_{axis}", f"Across {axis}", "View",
               f"Cut the mesh in the middle, across the {axis} axis", needs="render",
@@ -205,7 +206,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("reset_cut", "Oblique", "View", "Cut the mesh in the middle, half towards the eye",
             needs="render", submenu="Clipping plane"),
     Command("label_graph", "Graph of labels", "View",
-            "Connect the middles of regions of the current label set that touch, as of domains",
+            "Draw lines between the middles of touching regions of the current label set",
             checkable=True, needs="mesh"),
     Command("hide_small", "Hide small components", "View",
             f"Leave out components with less than {SMALL:.0%} of the area of the largest one",
@@ -218,7 +219,7 @@ COMMANDS: tuple[Command, ...] = (
             does=("choose_theme", Mode.DARK)),
     Command("full_screen", "Full screen", "View", "Fill the screen with the window", ("F11",),
             checkable=True, standard=QKeySequence.StandardKey.FullScreen),
-    Command("reset_layout", "Reset layout", "View", "Put the panels back where they were"),
+    Command("reset_layout", "Reset layout", "View", "Move the panels to their default places"),
     # -- Select
     Command("select", "Select vertices", "Select",
             "Select with the left button instead of turning; Shift adds, Alt takes away", ("W",),
@@ -240,14 +241,14 @@ COMMANDS: tuple[Command, ...] = (
     Command("clear_selection", "Clear", "Select", "Select nothing, as Esc does",
             needs="selection"),
     Command("hide_selection", "Hide the selection", "Select",
-            "Leave out the selected vertices with their faces; they are not picked either", ("H",),
+            "Hide the selected vertices and their faces, which cannot be clicked then", ("H",),
             needs="selection", separated=True),
     Command("isolate_selection", "Isolate the selection", "Select",
             "Leave out all but the selected vertices", ("I",), needs="selection"),
     Command("show_all", "Show all", "Select",
-            "Show what was hidden, small components, too", ("Shift+H",), needs="hidden"),
+            "Show all hidden vertices and small components", ("Shift+H",), needs="hidden"),
     # -- Field
-    Command("play", "Play", "Field", "Step through eigenfunctions, times or columns by itself",
+    Command("play", "Play", "Field", "Step through eigenfunctions, times or columns automatically",
             ("Space",), checkable=True, toolbar="Play", icon="play", needs="spectrum"),
     Command("next", "Next", "Field", "The next eigenfunction, time or column", ("Right",),
             separated=True, needs="spectrum", does=("step", 1)),
@@ -259,11 +260,12 @@ COMMANDS: tuple[Command, ...] = (
             ("PgUp",), needs="spectrum", does=("step", -10)),
     Command("first", "First", "Field", "The first eigenfunction, time or column", ("Home",),
             needs="spectrum"),
-    Command("last", "Last", "Field", "The last one that has converged", ("End",),
+    Command("last", "Last", "Field",
+            "The last converged eigenfunction, or the last time or column", ("End",),
             needs="spectrum"),
     Command("flip", "Flip sign", "Field",
             "Draw the eigenfunction with the opposite sign, which is equally valid", ("F",),
-            toolbar="Flip sign", icon="flip", separated=True, needs="spectrum"),
+            toolbar="Flip sign", icon="flip", separated=True, needs="sign"),
     *(
         Command(f"show_{name}", family.label, "Field", family.tip,
                 (str(at),) if at < 10 else (),
@@ -274,25 +276,25 @@ COMMANDS: tuple[Command, ...] = (
     Command("pin", "Pin vertex under the pointer", "Inspect",
             "Pin the vertex under the pointer, or take its pin away", ("P",), needs="render"),
     Command("pin_index", "Go to vertex or position…", "Inspect",
-            "Pin a vertex by its index, or the one nearest to a position, and go there",
+            "Pin a vertex by its index, or the vertex nearest to a position, and centre on it",
             ("Ctrl+G",), needs="mesh"),
     Command("remove_pin", "Remove pin", "Inspect",
-            "Remove the pin under the pointer, or the one chosen in the table of pins", ("Del",),
-            needs="mesh"),
+            "Remove the pin under the pointer, or the pin chosen in the table of pins", ("Del",),
+            needs="pins"),
     Command("clear_pins", "Clear pins", "Inspect", "Take all pins away", ("Shift+P",),
-            needs="mesh"),
+            needs="pins"),
     Command("import_pins", "Import pins…", "Inspect",
             "Pin the vertices of a table (CSV): by index, or by x, y, z, with names and colours",
             needs="mesh", separated=True),
     Command("export_pins", "Export pins…", "Inspect",
             "Write the pins with positions, names, features and distances to a table (CSV)",
-            needs="mesh"),
+            needs="pins"),
     Command("similar", "Similar to this", "Inspect",
             "Paint the distance in feature space from the vertex pinned last", ("S",),
-            needs="spectrum", separated=True),
+            needs="pins and spectrum", separated=True),
     # -- Help
     Command("command_palette", "Find a command…", "Help",
-            "Find any command, setting or field by its name or what it is for", ("Ctrl+K",)),
+            "Find a command, a setting or a field by its name or purpose", ("Ctrl+K",)),
     Command("help", "Help and shortcuts", "Help", "All commands, keys and mouse gestures",
             ("F1",), toolbar="Help", icon="help", separated=True),
     Command("system_report", "Copy system report", "Help",
@@ -324,11 +326,11 @@ class Actions:
     def __getitem__(self, name: str) -> QAction:
         return self._actions[name]
 
-    def enable(self, there: Collection[str]) -> None:
+    def enable(self, met: Collection[str]) -> None:
         """Enable the commands whose needs are met."""
         for each in COMMANDS:
             if each.needs:
-                self._actions[each.name].setEnabled(each.needs in there)
+                self._actions[each.name].setEnabled(each.needs in met)
 
     def refresh_icons(self) -> None:
         for each in COMMANDS:

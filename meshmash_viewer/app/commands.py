@@ -109,7 +109,7 @@ class Commands:
 
     def _do(self, command: Command, checked: bool) -> None:
         # an action is disabled some milliseconds after its condition ceases to hold
-        if command.needs not in self.there():
+        if command.needs not in self.met_needs():
             return
         if command.name not in _OF_FIELDS and not settle_typing():
             return
@@ -130,9 +130,14 @@ class Commands:
             getattr(owner, name) for owner in owners if hasattr(owner, name)
         )
 
-    def there(self) -> set[str]:
+    def met_needs(self) -> set[str]:
         """Return the values of `Command.needs` whose condition holds."""
-        ready, spectrum = self._document.ready, self._document.spectrum
+        document = self._document
+        ready, spectrum = document.ready, document.spectrum
+        selected, pinned = document.selection.mask is not None, bool(document.pins.placed)
+        # whether values are signed depends on the mesh, so read the family of the request
+        request = request_of(document)
+        lined = request is None or request.family.signed or request.family.contoured
         shown = self._opening.scene is not None and ready is not None
         some = shown and spectrum is not None and len(spectrum) > 0
         known = {
@@ -142,37 +147,31 @@ class Commands:
             "spectrum": some,
             "small components": ready is not None and ready.small is not None,
             "second mesh": self._opening.pair is not None,
-            "hidden": self._document.hidden is not None,
-            "cut": shown and self._document.display.cut.shown,
-            "selection": self._document.selection.mask is not None,
-            "part": self._document.part_mesh is not None,
+            "hidden": document.hidden is not None,
+            "cut": shown and document.display.cut.shown,
+            "selection": selected,
+            "part": document.part_mesh is not None,
+            "target": document.solve.can_compute,
+            "job or selection": selected or document.work.job is not None,
+            "undo": bool(document.history.undo_label),
+            "redo": bool(document.history.redo_label),
+            "pins": pinned,
+            "pins and spectrum": pinned and spectrum is not None,
+            "sign": some and document.can_flip,
+            "lines": some and lined,
         }
         return {name for name, holds in known.items() if holds}
 
     def refresh(self) -> None:
         """Update the enabled and checked state of all actions."""
         document, display, actions = self._document, self._document.display, self._actions
-        actions.enable(self.there())
-        running = document.work.job is not None
-        actions["compute"].setEnabled(document.solve.can_compute)
-        actions["cancel"].setEnabled(running or document.selection.mask is not None)
-        tool = self.select_tool
+        actions.enable(self.met_needs())
+        tool, history = self.select_tool, document.history
         actions["select"].setChecked(tool is not None and tool.on)
-        history = document.history
         for name, label in (("undo", history.undo_label), ("redo", history.redo_label)):
-            actions[name].setEnabled(bool(label))
             actions[name].setText(f"{name.capitalize()} {label}".rstrip())
         for name in DIRECTIONS:
             actions[f"view_{name}"].setText(view_label(name, document.mesh))
-        for name in ("clear_pins", "remove_pin", "export_pins"):
-            actions[name].setEnabled(bool(document.pins.placed))
-        actions["similar"].setEnabled(bool(document.pins.placed) and document.spectrum is not None)
-        if not document.can_flip:
-            actions["flip"].setEnabled(False)
-        # whether values are signed depends on the mesh, so read the family of the request
-        request = request_of(document)
-        if request is not None and not request.family.signed and not request.family.contoured:
-            actions["nodal_lines"].setEnabled(False)
         for name in _SHOWN:
             actions[name].setChecked(getattr(display, name))
         actions["cut"].setChecked(display.cut.shown)
@@ -257,7 +256,7 @@ class Commands:
             self._window,
             "Clear stored eigenpairs",
             f"Eigenpairs of meshes opened before take {size} on disk. Delete them?\n"
-            "Opening these meshes again means computing again.",
+            "They must be computed again when these meshes are opened.",
         )
         if answer == QMessageBox.StandardButton.Yes:
             cache.clear()

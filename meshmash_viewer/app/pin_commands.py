@@ -255,21 +255,12 @@ class PinCommands:
         if mesh is None:
             return
         if vertex < 0:
-            menu = theme.named(QMenu(self._window), "render_menu", "What can be done here")
+            menu = theme.named(QMenu(self._window), "render_menu", "Menu of the render")
             menu.addActions([self._actions[name] for name in elsewhere])
         else:
-            menu = vertex_menu(
-                self._window,
-                mesh,
-                vertex,
-                pin_at(document.pins.placed, vertex),
-                None if controller is None else controller.field,
-                toggle=partial(document.pins.toggle, vertex),
-                centre=partial(self.fly_to, vertex),
-                rename=partial(self.ask_for_name, vertex),
-                recolor=partial(self.ask_for_color, vertex),
-                say=document.notices.say,
-            )
+            field = None if controller is None else controller.field
+            toggle = document.pins.toggle
+            menu = self._vertex_menu(document, vertex, field, vertex, toggle, self.fly_to)
         _open(menu, place)
 
     def show_list_menu(self, vertex: int, place: QPoint) -> None:
@@ -278,29 +269,38 @@ class PinCommands:
 
     def show_second_menu(self, second: SecondView, vertex: int, place: QPoint) -> None:
         """Show the menu of a vertex of the second mesh."""
-        mesh, pin = second.document.mesh, pin_at(second.document.pins.placed, vertex)
-        if mesh is None or vertex < 0:
+        document, field = second.document, second.controller.field
+        if document.mesh is None or vertex < 0:
             return
-        first = self._on_first(pin)
-        menu = vertex_menu(
+        pin = pin_at(document.pins.placed, vertex)
+        number = None if pin is None else pin.number
+        placed = self._document.pins.placed
+        first = next((each.vertex for each in placed if each.number == number), -1)
+        toggle, centre = second.pair.pin_second, second.scene.centre_on
+        _open(self._vertex_menu(document, vertex, field, first, toggle, centre), place)
+
+    def _vertex_menu(
+        self,
+        document: Document,
+        vertex: int,
+        field: Field | None,
+        first: int,
+        toggle: Callable[[int], object],
+        centre: Callable[[int], object],
+    ) -> QMenu:
+        """Return the menu of a vertex; `first` is the vertex of the same pin on the first mesh."""
+        assert document.mesh is not None
+        return vertex_menu(
             self._window,
-            mesh,
+            document.mesh,
             vertex,
-            pin,
-            second.controller.field,
-            toggle=partial(second.pair.pin_second, vertex),
-            centre=partial(second.scene.centre_on, vertex),
+            pin_at(document.pins.placed, vertex),
+            field,
+            toggle=partial(toggle, vertex),
+            centre=partial(centre, vertex),
             rename=partial(self.ask_for_name, first),
             recolor=partial(self.ask_for_color, first),
             say=self._document.notices.say,
-        )
-        _open(menu, place)
-
-    def _on_first(self, pin: Pin | None) -> int:
-        """Return the vertex of the first mesh whose pin has the same number; -1 for none."""
-        number = None if pin is None else pin.number
-        return next(
-            (each.vertex for each in self._document.pins.placed if each.number == number), -1
         )
 
 
@@ -332,7 +332,7 @@ def vertex_menu(
 
     The ``objectName`` of an entry is ``menu_<name>``. `say` is called to show a message.
     """
-    menu = theme.named(QMenu(parent), "vertex_menu", "What can be done at this vertex")
+    menu = theme.named(QMenu(parent), "vertex_menu", "Menu of the vertex")
 
     def add(name: str, text: str, act: Callable[[], object]) -> None:
         action = menu.addAction(text.replace("&", "&&"))
