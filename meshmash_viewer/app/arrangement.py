@@ -307,7 +307,7 @@ class StatusProgress(QWidget):
 
     def __init__(self, document: Document, dock: QDockWidget) -> None:
         super().__init__()
-        theme.named(self, "status_progress", "Progress of what is being done")
+        theme.named(self, "status_progress", "Progress of the running task")
         self._document = document
         self._panel_shown = not dock.isHidden()
         self.label = QLabel()
@@ -315,7 +315,11 @@ class StatusProgress(QWidget):
         self.bar = QProgressBar(textVisible=False, minimum=0, maximum=_STEPS)
         theme.named(self.bar, "status_progress_bar", "Progress").setFixedWidth(96)
         self.cancel_button = make.button(
-            "Cancel", "status_cancel_button", "Cancel what runs", document.work.cancel, role="link"
+            "Cancel",
+            "status_cancel_button",
+            "Cancel the running task",
+            document.work.cancel,
+            role="link",
         )
         margins = theme.MARGIN, 0, theme.GAP, 0
         self.setLayout(row((self.label,), self.bar, self.cancel_button, margins=margins))

@@ -372,7 +372,7 @@ class Opening(QObject):
 
     def save_session(self) -> None:
         if self._document.path is None:
-            text = "This mesh was handed over in memory: a session needs one that is in a file."
+            text = "This mesh is only in memory: a session requires a mesh file."
             self._document.notices.say(text, Severity.WARNING)
             return
         start = self._settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"

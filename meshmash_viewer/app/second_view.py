@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from PySide6.QtCore import QSize, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QIcon
-from PySide6.QtWidgets import QToolButton, QWidget
+from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, LatestThread, Tasks
 from meshmash_viewer.app.controller import Controller
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column
 from meshmash_viewer.app.listening import follow, listen, stop_listening
 from meshmash_viewer.app.stage import HeadLabel, render_head
@@ -64,13 +65,9 @@ class SecondView(QWidget):
 
     def _build(self) -> None:
         self.status_label = theme.named(HeadLabel(), "second_label", "Second mesh, and its state")
-        close = theme.named(
-            QToolButton(), "second_close_button", "Close the second mesh",
-            tip="Close the second mesh",
-        )  # fmt: skip
+        text = "Close the second mesh"
+        close = make.icon_button("second_close_button", text, self.close_requested, tip=text)
         close.setIcon(QIcon(theme.pixmap("close", theme.palette().muted, 12)))
-        close.setIconSize(QSize(12, 12))
-        close.clicked.connect(self.close_requested)
         self.setLayout(column(render_head(self.status_label, close), (self.scene,), spacing=0))
 
     def _connect(self) -> None:

@@ -146,7 +146,7 @@ class Welcome(QScrollArea):
         self._recent = column(spacing=0)
         self._links: list[tuple[QPushButton, str]] = []
         self.loading_label = make.label(
-            "loading_label", "What is being loaded", role="muted", alignment=middle
+            "loading_label", "Loading step", role="muted", alignment=middle
         )
         self._buttons = row(
             (self.open_button,), (self.sample_button,), margins=(0, theme.GAP, 0, 0)

@@ -37,6 +37,8 @@ GAP = 8
 MARGIN = 12
 
 _FOLDER = Path(__file__).parent
+#: Pixels of an icon per logical pixel.
+_RATIO = 2
 WidgetType = TypeVar("WidgetType", bound=QWidget)
 Kind = TypeVar("Kind")
 
@@ -345,19 +347,19 @@ ICONS: dict[str, str] = {
 
 
 @lru_cache(maxsize=256)
-def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap:
+def pixmap(name: str, color: str, size: int = 20) -> QPixmap:
     """Draw an icon: a key of `ICONS` or SVG content, stroke colour, size in logical pixels."""
     drawing = (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 24 24" fill="none" '
         f'stroke="{color}" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round">'
         f"{ICONS.get(name, name)}</svg>"
     )
-    image = QPixmap(round(size * ratio), round(size * ratio))
+    image = QPixmap(_RATIO * size, _RATIO * size)
     image.fill(Qt.GlobalColor.transparent)
     painter = QPainter(image)
     QSvgRenderer(QByteArray(drawing.encode())).render(painter, QRectF(image.rect()))
     painter.end()
-    image.setDevicePixelRatio(ratio)
+    image.setDevicePixelRatio(_RATIO)
     return image
 
 

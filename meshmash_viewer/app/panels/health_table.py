@@ -54,7 +54,7 @@ _ROWS = (
     ),
     _Row(
         "nonmanifold_edges", "Non-manifold edges",
-        tooltip="Edges of more than two faces; the robust Laplacian takes them as they are",
+        tooltip="Edges of more than two faces; the robust Laplacian is defined on them",
     ),
     _Row(
         "ambiguous_edges", "Ambiguous edges",
@@ -63,7 +63,7 @@ _ROWS = (
     ),
     _Row(
         "degenerate_faces", "Degenerate faces", "Drop", "drop_degenerate_faces",
-        tooltip="Faces without area; the robust Laplacian takes them as they are",
+        tooltip="Faces without area; the robust Laplacian is defined on them",
     ),
     _Row(
         "duplicate_faces", "Duplicate faces", "Drop", "drop_duplicate_faces",
@@ -77,7 +77,7 @@ _ROWS = (
     ),
     _Row(
         "unreferenced_vertices", "Unreferenced vertices", "Drop", "drop_unreferenced_vertices",
-        tooltip="Vertices of no face: they are left out, and have no value in any field",
+        tooltip="Vertices of no face, which have no value in any field",
     ),
     _Row(
         "seam_vertices", "Vertices on seams", "Merge", "merge_seams",
@@ -195,7 +195,7 @@ class HealthTable(QWidget):
         if ends or ready is None:
             return
         self._chosen = each
-        self._place_label.setText("Looking for them …")
+        self._place_label.setText("Searching …")
         self._steps.show()
         self._ask(each, ready)
         self._refresh_buttons()

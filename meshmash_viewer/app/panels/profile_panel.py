@@ -93,9 +93,9 @@ class ProfilePanel(PlotPanel):
 
     def _build(self) -> None:
         self.view_choice = make.combo(
-            "profile_view", "What the profiles show", self._show_view, _VIEWS
+            "profile_view", "Feature shown by the profiles", self._show_view, _VIEWS
         )
-        tip = "They miss more than 1 % for want of eigenpairs"
+        tip = "More than 1 % of these values is missing, because eigenpairs are missing"
         self.missing_label = make.label("profile_missing_label", role="muted", tip=tip)
         self.plot = Plot("profile_plot", "Profiles of the pinned vertices")
         self.legend, self.table = PinLegend(self._document), PinTable(self._document)
@@ -223,7 +223,7 @@ class ProfilePanel(PlotPanel):
         if pins and self.table_check.isChecked():
             self._stack.setCurrentWidget(self.table)
         if pins and there:
-            text = "No pin has a value: they are on no face, or outside the part that is computed."
+            text = "No pin has a value: the pins are on no face, or outside the computed part."
         elif pins:
             text = "Compute eigenpairs to see the profiles of the pinned vertices."
         else:

@@ -48,7 +48,7 @@ class SelectBar(QToolBar):
         self.through = make.check(
             "Through", "select_through", "Select hidden vertices, too",
             lambda on: setattr(tool, "through", on),
-            tip="Select what is behind, too",
+            tip="Also select vertices that are hidden by others",
         )  # fmt: skip
         self.low, self.high = (
             NumberField(f"select_{name}", f"{text} end of the range", tip=tip)

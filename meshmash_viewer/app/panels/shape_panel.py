@@ -166,7 +166,7 @@ class ShapePanel(QWidget):
         self.swing_button.setEnabled(swings)
         make.show_quietly(self.swing_button, display.vibrating)
         self.swing_button.setText("Stop" if display.vibrating else "Vibrate")
-        said = "Show an eigenfunction, or another field with a sign, to swing by it."
+        said = "Display an eigenfunction or another signed field to vibrate the mesh."
         if swings and field is not None:
             said = f"{field.title} along the normals"
         make.show_note(self.swing_hint, said if spectrum is not None else "")

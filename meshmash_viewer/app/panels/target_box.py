@@ -52,7 +52,7 @@ class _Way(NamedTuple):
 
 _WAYS = {
     "count": _Way(
-        "Eigenpairs", "count", "Number of eigenpairs", 0, "That many of the lowest eigenpairs"
+        "Eigenpairs", "count", "Number of eigenpairs", 0, "This number of the lowest eigenpairs"
     ),
     "max_eigenvalue": _Way(
         "Largest λ", "eigenvalue", "Largest eigenvalue", -2,
@@ -147,7 +147,7 @@ class TargetBox(QWidget):
         if ready is None or not ready.health.area > 0.0:
             self._show(dict.fromkeys(_WAYS, (None, True)))
             self.count_spin.show_value(max(1, int(Translation(1.0).count(target)[0])))
-            self.note.setText("All four say the same thing: each is translated into the others.")
+            self.note.setText("Each of the four numbers is computed from the others.")
             return
         translation = self._document.solve.translation()
         low, high = translation.bounds
@@ -164,13 +164,13 @@ class TargetBox(QWidget):
         }
         self._show(shown)
         zeros = ready.health.n_components
-        parts = [f"{zeros:,} of them are zero, one a component."] if zeros > 1 else []
+        parts = [f"{zeros:,} of them are zero, one per component."] if zeros > 1 else []
         self._offer_largest(ready, count)
         if count >= translation.n_vertices:
             parts.append("The mesh has no more eigenpairs.")
         if not all(exact for _, exact in shown.values()):
             parts.append(
-                "≈ by Weyl's law, onwards from the last known eigenvalue."
+                "≈: extrapolated by Weyl's law from the last known eigenvalue."
                 if len(translation.eigenvalues)
                 else "≈ by Weyl's law, within a factor of two; of ten for the first hundred pairs "
                 "of thin branches."

@@ -142,7 +142,7 @@ class PlotSaver(QObject):
         plot.menu_requested.connect(self._show_menu)
 
     def _show_menu(self, place: QPoint) -> None:
-        menu = theme.named(QMenu(self._plot), "plot_menu", "What can be done with this plot")
+        menu = theme.named(QMenu(self._plot), "plot_menu", "Menu of the plot")
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         for name, text, act in (
             ("save_plot", "Save this plot…", self.ask), ("copy_plot", "Copy", self.copy)

@@ -211,7 +211,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph ships no types
         self.setAntialiasing(True)
         self.hideButtons()
         self.fit_button = QToolButton(self)
-        fit, tip = f"Fit the plot: {accessible_name}", "Show everything that is drawn"
+        fit, tip = f"Fit the plot: {accessible_name}", "Show all drawn data"
         theme.named(self.fit_button, f"{name}_fit_button", fit, tip=tip)
         self.fit_button.setText("Fit")
         self.fit_button.clicked.connect(self.show_all)

@@ -62,8 +62,8 @@ class PlayButton(QPushButton):
 
     def __init__(self, document: Document, name: str) -> None:
         super().__init__("Play")
-        tip = "Step by itself, round and round (Space)"
-        theme.named(self, name, "Play: step by itself", tip=tip)
+        tip = "Step automatically in a loop (Space)"
+        theme.named(self, name, "Play: step automatically", tip=tip)
         self.setCheckable(True)
         self._document = document
         self.toggled.connect(partial(setattr, document.display, "playing"))
@@ -111,7 +111,7 @@ class FamilyTab(QWidget):
         self.title.setWordWrap(True)
         head: Part = self.title
         if self.family.page:
-            name, tip = f"{self.family.name}_page_button", "What it is, and what can go wrong"
+            name, tip = f"{self.family.name}_page_button", "Explanation of this family"
             spoken = f"Page on: {self.family.label}"
             page = make.button("?", name, spoken, self._open_page, role="link", tip=tip)
             head = row((self.title,), page)

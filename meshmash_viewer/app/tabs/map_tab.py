@@ -73,7 +73,7 @@ class MapTab(FamilyTab):
             "Remove", "map_remove_button", "Take the map away from the mesh", self._remove
         )
         self.facts, self.shares = Facts(_FACTS), Facts(_SHARES)
-        self.views = make.Segments("map_view", "What is shown of the map", VIEWS, in_row=3)
+        self.views = make.Segments("map_view", "Displayed part of the map", VIEWS, in_row=3)
         self.views.chosen.connect(lambda key: self._change(view=key))
         self.meaning, self.hint = note("map_varying_label"), note("map_hint")
         self.labels = _list("map_label_list", "Labels and their colours")
@@ -96,9 +96,9 @@ class MapTab(FamilyTab):
         self._sum = holder(column(slider, pairs, self.shares, self.meaning, save))
         self.filter_combo = make.combo(
             "map_filter_combo",
-            "Filter that the map is passed through",
+            "Filter applied to the map",
             self._choose_filter,
-            tip="Φ h(Λ) Φᵀ M f. A formula of one's own is written on the Filter tab",
+            tip="Φ h(Λ) Φᵀ M f. Other formulas are typed on the Filter tab",
         )
         fault = note("map_filter_fault", "warning")
         self.missing = note("map_filter_missing", "warning")
@@ -108,9 +108,9 @@ class MapTab(FamilyTab):
         self.keep_button = make.button(
             "Keep as a map",
             "map_keep_button",
-            "Keep what is shown of the map as a map",
+            "Keep the displayed values as a map",
             self._keep,
-            tip="It joins the maps above: compare it with them, filter it again, export it",
+            tip="Add the displayed values to the maps above",
         )
         heading, keep = make.heading("On the eigenpairs"), row(self.keep_button, None)
         self._on_pairs = holder(column(heading, self.views, self._sum, self._filter, keep))
@@ -138,7 +138,7 @@ class MapTab(FamilyTab):
         if item is None:
             return
         own = item.data(Qt.ItemDataRole.UserRole) not in CURVATURES
-        menu = theme.named(QMenu(self.list), "map_menu", "What can be done with this map")
+        menu = theme.named(QMenu(self.list), "map_menu", "Menu of the map")
         rename = menu.addAction("Rename\tF2", lambda: self.list.editItem(item))
         rename.setEnabled(bool(item.flags() & Qt.ItemFlag.ItemIsEditable))
         menu.addAction("Remove", self._remove).setEnabled(own)
@@ -270,7 +270,7 @@ class MapTab(FamilyTab):
         if labelled:
             hint = "Labels are names, not numbers: they have no spectrum."
         elif not usable:
-            hint = "Compute eigenpairs to see what scales the map is made of."
+            hint = "Compute eigenpairs to see the spectrum of the map."
         elif spectrum.preview:
             hint = "From approximate eigenpairs: the numbers change as the exact ones come."
         show_note(self.hint, hint)

@@ -23,7 +23,7 @@ from meshmash_viewer.units import format_quantity, power_unit
 
 #: Full width at half maximum of the smoothing exp(-s*λ), in units of √s, on a plane.
 _WIDTH = math.sqrt(16.0 * math.log(2.0))
-_WIDTH_TIP = "Full width at half maximum of the smoothing, √(16 ln 2 · s); a length is taken as one"
+_WIDTH_TIP = "Full width at half maximum of the smoothing, √(16 ln 2 · s): type a length to set it"
 
 
 class RangeBox(QWidget):

@@ -28,8 +28,8 @@ from meshmash_viewer.units import NO_BREAK, counted, format_quantity, power_unit
 _LINES = "Lines at round distances"
 _ABOUT = {
     "geodesic": "Along the surface, by the heat method: right to about an edge.",
-    "biharmonic": "Smooth at the vertex, and aware of the whole shape far from it.",
-    "commute": "How long a random walk is on its way there and back: a thin neck is far.",
+    "biharmonic": "Smooth at the vertex; far from the vertex it depends on the whole shape.",
+    "commute": "Duration of a random walk to a vertex and back: long across a thin neck.",
     "diffusion": "How differently heat from two vertices has spread after a time.",
 }
 
@@ -141,7 +141,7 @@ class DistanceTab(PinChooser):
         if chosen.needs_pairs and spectrum is None:
             show_note(
                 self.hint,
-                "This distance is a sum over eigenpairs above zero: compute more of them.",
+                "This distance is a sum over nonzero eigenpairs: compute more eigenpairs.",
             )
 
     def _show_time(self, chosen: Distances, spectrum: Eigenpairs) -> None:

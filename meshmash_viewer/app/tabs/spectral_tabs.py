@@ -50,7 +50,7 @@ class EigenfunctionTab(FamilyTab):
             "flip_button",
             "Draw the eigenfunction with the other sign",
             self._document.flip,
-            tip="Draw it with the opposite sign, which is equally valid (F)",
+            tip="Draw the eigenfunction with the opposite sign, which is equally valid (F)",
             checkable=True,
         )
         self.facts = Facts(_FACTS)
@@ -63,7 +63,7 @@ class EigenfunctionTab(FamilyTab):
         self.multiplet_note = note("multiplet_label")
         self._build_rotation()
         self.preview_note = note("preview_label", "warning")
-        tip = native_text("Arrow keys, or the wheel once it is clicked: one; PgDn: ten")
+        tip = native_text("Arrow keys, or the wheel after a click: one step; PgDn: ten steps")
         slider = self._make_slider("eigenvector_slider", "Eigenfunction", tip)
         spoken = "Index of the eigenfunction, counted from 0"
         index = self._make_index_row("eigenvector", spoken, self.flip_button)
@@ -73,7 +73,7 @@ class EigenfunctionTab(FamilyTab):
 
     def _build_rotation(self) -> None:
         self.towards_combo = make.combo(
-            "rotation_combo", "Eigenfunction towards which this one is rotated", self._rotate
+            "rotation_combo", "Second eigenfunction of the rotation", self._rotate
         )
         self.angle_label = make.label("rotation_label", role="value")
         self.angle = theme.named(StepSlider(), "rotation_slider", "Angle of the rotation")
@@ -130,7 +130,7 @@ class EigenfunctionTab(FamilyTab):
             if not exact:
                 preview = (
                     "Preview: from a coarse mesh, λ within about"
-                    f" {format_share(spectrum.error, 2)}. The exact eigenfunctions take its place"
+                    f" {format_share(spectrum.error, 2)}. Exact eigenfunctions replace the preview"
                     " as they converge."
                 )
         self._show_rotation(replace(chosen, index=index), spectrum)
@@ -209,10 +209,10 @@ class FilterTab(FamilyTab):
         self.edit.returnPressed.connect(lambda: QTimer.singleShot(0, self.edit, self._select_error))
         #: Position of the error in the typed formula.
         self._position: int | None = None
-        self.fault = reserved_note("filter_fault", 2, "muted", "What is wrong with the formula")
+        self.fault = reserved_note("filter_fault", 2, "muted", "Fault of the formula")
         self.parameters = FilterParameters(self._document)
         self.parameters.tried.connect(self._say)
-        tip = "With more than one, the first parameter goes through its range, evenly in log"
+        tip = "Number of values of the first parameter in its range, evenly spaced in log scale"
         count = self._make_count_row("Number of columns", tip)
         play = row(PlayButton(self._document, "filter_play_button"), None)
         heading, box = make.heading("Exported columns"), self._make_range_box()
