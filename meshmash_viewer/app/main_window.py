@@ -86,7 +86,7 @@ class MainWindow(ScriptedWindow):
         application = QApplication.instance()
         assert isinstance(application, QApplication)
         theme.set_mode(self.settings.theme)
-        theme.dress(self)
+        theme.style_window(self)
         self._focus_keys = FocusKeys(application, self)
         self._field_wheel = FieldWheel(self)
         self._refusal = ""

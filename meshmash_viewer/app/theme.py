@@ -115,7 +115,7 @@ class _State:
     ours = False
     style: QStyle | None = None
     #: Whether each styled object (the application, or a window) is dark; None before styling.
-    dressed: ClassVar[WeakKeyDictionary[Any, bool | None]] = WeakKeyDictionary()
+    styled: ClassVar[WeakKeyDictionary[Any, bool | None]] = WeakKeyDictionary()
     notifier = _Notifier()
 
 
@@ -215,7 +215,7 @@ def apply(application: QApplication) -> None:
     _begin(application)
 
 
-def dress(window: QWidget) -> None:
+def style_window(window: QWidget) -> None:
     """Style a window. If the application was made by other code, nothing else is styled."""
     if not _State.ours:
         _begin(window)
@@ -231,7 +231,7 @@ def _begin(target: QApplication | QWidget) -> None:
     else:
         target.setStyle(_State.style)
     target.setFont(tabular(target.font()))
-    _State.dressed[target] = None
+    _State.styled[target] = None
     _refresh()
 
 
@@ -250,11 +250,11 @@ def _refresh() -> None:
         wanted = hints.colorScheme()
     _State.dark = wanted == Qt.ColorScheme.Dark
     changed = False
-    for target, before in list(_State.dressed.items()):
+    for target, before in list(_State.styled.items()):
         if before == _State.dark or not shiboken6.isValid(target):
             continue
         changed = True
-        _State.dressed[target] = _State.dark
+        _State.styled[target] = _State.dark
         colors, sheet = palette(), _style_sheet(palette(), target.font())
         if not _State.ours:
             # widgets with a style sheet use the application's palette, not the window's

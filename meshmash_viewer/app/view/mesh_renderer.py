@@ -69,9 +69,11 @@ class MeshRenderer:
         #: Displayed points, relative to `centre`, and normals, both of shape (n, 3).
         self.drawn = _NOTHING, _NOTHING
         self.view: View | None = None
-        self._placed: tuple[View | None, int] = (None, 0)
-        self._hidden: tuple[Any, ...] = ()
-        self._pins_placed: list[Pin] = []
+        #: View last given to VTK's camera, and the modification time of the camera.
+        self._camera_state: tuple[View | None, int] = (None, 0)
+        #: State for which `_placed_pins` was computed.
+        self._pins_key: tuple[Any, ...] = ()
+        self._placed_pins: list[Pin] = []
         self.caption: Caption | None = None
         #: Text that replaces the quantity while another field is being computed, or "".
         self.awaited = ""
@@ -201,7 +203,7 @@ class MeshRenderer:
         # vertices may move out of the bounds of the mesh, and must not be clipped
         room = 0.0 if points is None else 0.3 * np.ptp(geometry.bounds, axis=0).max()
         self._bounds = geometry.bounds + np.array([[-room], [room]])
-        self._hidden = ()
+        self._pins_key = ()
 
     @property
     def moved(self) -> bool:
@@ -226,7 +228,7 @@ class MeshRenderer:
     def _add_surface(self, surface: Surface) -> None:
         surface.actor.SetPosition(*self.centre)
         surface.set_theme(self.theme)
-        surface.dress(self.caption)
+        surface.set_caption(self.caption)
         self.renderer.AddActor(surface.actor)
 
     def set_coarse(self, coarse: CoarseMesh) -> None:
@@ -270,7 +272,7 @@ class MeshRenderer:
             missing = self.surface.write(self.mesh.on_surface(values))
             self.caption = replace(caption, missing=missing)
         for surface in self._surfaces:
-            surface.dress(self.caption)
+            surface.set_caption(self.caption)
 
     @property
     def shown_caption(self) -> Caption | None:
@@ -339,7 +341,7 @@ class MeshRenderer:
 
     def _place_camera(self, view: View, width: int, height: int) -> None:
         camera = self.renderer.GetActiveCamera()
-        known_view, known_time = self._placed
+        known_view, known_time = self._camera_state
         if known_view is view and known_time != camera.GetMTime():
             view = self.view = _view_of(camera, width, height)  # a script moved the camera
         # use the stored bounds, because VTK would compute bounds from all faces
@@ -362,7 +364,7 @@ class MeshRenderer:
             seen = (*normal.tolist(), float(cut.normal @ camera.GetPosition()) - cut.level)
         for surface in self._surfaces:
             surface.cut(None if cut is None else seen)
-        self._placed = view, camera.GetMTime()
+        self._camera_state = view, camera.GetMTime()
 
     def placed_pins(self) -> list[Pin]:
         """Return the pins with their positions, and whether each pin is hidden by the mesh.
@@ -373,10 +375,10 @@ class MeshRenderer:
         if self.mesh is None or self.view is None or not self._pins:
             return []
         known = (self.view, self.picker, self._pins, self.cut)
-        if self._hidden != known:
-            self._hidden = known
+        if self._pins_key != known:
+            self._pins_key = known
             eye, (_, normals) = self.view.axes[2], self.drawn
-            self._pins_placed = [
+            self._placed_pins = [
                 Pin(
                     vertex,
                     tuple(self.place(vertex).tolist()),
@@ -388,7 +390,7 @@ class MeshRenderer:
                 )
                 for at, (vertex, color, label) in enumerate(self._pins)
             ]
-        return self._pins_placed
+        return self._placed_pins
 
     # -- actors added by scripts, windows, copies -------------------------------------------
 
@@ -440,7 +442,7 @@ class MeshRenderer:
         other.cut = self.cut
         if self.caption is not None:
             other.surface.write(self.surface.values)
-            other.surface.dress(self.caption)
+            other.surface.set_caption(self.caption)
             other.caption = self.caption
         for of, overlay in self.overlays.items():
             if of != "faults":  # not drawn in pictures

@@ -196,8 +196,8 @@ class Surface:
         self.set_scale(1.0)
         self.set_theme(LIGHT)
         # every uniform variable must be set once before the first frame
-        self.dress(Caption("", "", "", 0.0, 1.0, "viridis"))
-        self.dress(None)
+        self.set_caption(Caption("", "", "", 0.0, 1.0, "viridis"))
+        self.set_caption(None)
 
     def move(self, points: npt.NDArray[np.float32], normals: npt.NDArray[np.float32]) -> None:
         """Set points and normals, both of shape (n, 3).
@@ -270,7 +270,7 @@ class Surface:
         """Return a copy of the displayed values, NaN for vertices without a value."""
         return np.where(self.values <= _MISSING, np.float32(np.nan), self.values)
 
-    def dress(self, caption: Caption | None) -> None:
+    def set_caption(self, caption: Caption | None) -> None:
         """Set colours, limits and lines of the field by a caption; None for a single colour."""
         self._uniforms.SetUniformi("fieldShown", int(caption is not None))
         if caption is None:
