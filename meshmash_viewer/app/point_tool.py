@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -43,17 +42,6 @@ _Asked: TypeAlias = tuple[Mesh, PointSet, Regions | None, ProjectedPoints | None
 _Drawn: TypeAlias = tuple[ProjectedPoints, PointCloud, Regions | None]
 #: Result of reading a table: projected points, an error to resolve, or None if it has no points.
 _Read: TypeAlias = tuple[PointSet, ProjectedPoints] | SeveralPositionsError | FarPointsError | None
-
-
-@dataclass(frozen=True)
-class _Table:
-    """A file of points, and the options for reading it."""
-
-    path: Path
-    unit: str = ""
-    position: str = ""
-    #: Whether the file was dropped; it may then be a table of values per vertex.
-    dropped: bool = False
 
 
 class PointTool(QObject):
@@ -100,46 +88,45 @@ class PointTool(QObject):
         )
         if chosen:
             self._settings.folder = Path(chosen).parent
-            self._read(_Table(Path(chosen)))
+            self._read(Path(chosen))
 
     def open_dropped(self, path: Path) -> None:
         """Draw the points of a table, or add its values per vertex as maps."""
-        self._read(_Table(path, dropped=True))
+        self._read(path, dropped=True)
 
     def remove_points(self) -> None:
         """Remove the points from the document; their file is not deleted."""
         self._document.points.set(None, "removal of points")
 
-    def _read(self, table: _Table) -> None:
-        mesh = self._document.mesh
+    def _read(self, path: Path, unit: str = "", position: str = "", dropped: bool = False) -> None:
+        """Read a table; if it was `dropped`, it may be a table of values per vertex."""
+        document, mesh = self._document, self._document.mesh
         if mesh is None:
             text = "There is no mesh for these points: open the mesh first, then its points."
-            self._document.notices.say(text, Severity.WARNING)
-            return
-        self._background_io.run(
-            f"Reading {table.path.name}",
-            lambda: _read(table, mesh),
-            lambda found: self._accept(table, mesh, found),
-        )
-
-    def _accept(self, table: _Table, mesh: Mesh, found: _Read) -> None:
-        document = self._document
-        if found is None:
-            document.maps.open([table.path])
-        elif isinstance(found, SeveralPositionsError):
-            choices = list(found.stems)
-            self._ask(str(found), choices, lambda text: self._read(replace(table, position=text)))
-        elif isinstance(found, FarPointsError):
-            said = f"{found}\nUnit of the points, or the voxel that they count:"
-            suggested = found.unit or table.unit or written_unit(mesh.unit)
-            self._ask(said, [suggested], lambda text: self._read(replace(table, unit=text)))
-        elif document.mesh is None or document.mesh.vertices is not mesh.vertices:
-            text = "The points are not shown: their mesh is not open any more."
             document.notices.say(text, Severity.WARNING)
-        else:
-            points, projected = found
-            document.points.set(points, found=projected)
-            self._say(projected)
+            return
+
+        def take(found: _Read) -> None:
+            if found is None:
+                document.maps.open([path])
+            elif isinstance(found, SeveralPositionsError):
+                choices = list(found.stems)
+                self._ask(str(found), choices, lambda text: self._read(path, unit, text, dropped))
+            elif isinstance(found, FarPointsError):
+                said = f"{found}\nUnit of the points, or the voxel that they count:"
+                choices = [found.unit or unit or written_unit(mesh.unit)]
+                self._ask(said, choices, lambda text: self._read(path, text, position, dropped))
+            elif document.mesh is None or document.mesh.vertices is not mesh.vertices:
+                text = "The points are not shown: their mesh is not open any more."
+                document.notices.say(text, Severity.WARNING)
+            else:
+                points, projected = found
+                document.points.set(points, found=projected)
+                self._say(projected)
+
+        self._background_io.run(
+            f"Reading {path.name}", lambda: _read(path, unit, position, dropped, mesh), take
+        )
 
     def _say(self, found: ProjectedPoints) -> None:
         mesh, table = found.mesh, found.points
@@ -168,12 +155,11 @@ class PointTool(QObject):
         """Read the points stored in a session."""
         document, mesh, path = self._document, self._document.mesh, Path(known["path"])
         assert mesh is not None  # points are restored after the mesh
-        table = _Table(path, known.get("unit", ""), known.get("position", ""))
+        how = known.get("unit", ""), known.get("position", "")
         looks = {name: known[name] for name in ("column", "size", "max_distance") if name in known}
 
         def read() -> PointSet:
-            points = read_points(table.path, table.unit, table.position)
-            return PointSet(points, table.position, _hash(path), **looks)
+            return PointSet(read_points(path, *how), how[1], _hash(path), **looks)
 
         def take(points: PointSet) -> None:
             if document.mesh is not None and document.mesh.vertices is mesh.vertices:
@@ -228,14 +214,14 @@ class PointTool(QObject):
                 document.labels.accept_counts(measured, counted)
 
 
-def _read(table: _Table, mesh: Mesh) -> _Read:
-    if table.dropped and not has_positions(table.path):
+def _read(path: Path, unit: str, position: str, dropped: bool, mesh: Mesh) -> _Read:
+    if dropped and not has_positions(path):
         return None
     try:
-        points = read_points(table.path, table.unit, table.position)
-        if table.dropped and len(points) in (mesh.n_vertices, mesh.n_file_vertices):
+        points = read_points(path, unit, position)
+        if dropped and len(points) in (mesh.n_vertices, mesh.n_file_vertices):
             return None
-        return PointSet(points, table.position, _hash(table.path)), project_points(mesh, points)
+        return PointSet(points, position, _hash(path)), project_points(mesh, points)
     except (SeveralPositionsError, FarPointsError) as fault:
         return fault
 
