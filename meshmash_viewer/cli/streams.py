@@ -38,11 +38,9 @@ _SIGNS = {
 }  # fmt: skip
 _WORDS = {"√": "sqrt", "∫": "integral", "∇": "grad", "∂": "d", "∑": "sum"}
 _RAISED, _LOWERED = "⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻⁼⁽⁾ᵀⁿ", "₀₁₂₃₄₅₆₇₈₉₊₋"
-#: Exponents, indices, runs of Greek letters and signs of `_WORDS`, and other characters.
-_GROUPS = re.compile(
-    f"(?P<raised>[{_RAISED}]+)|(?P<lowered>[{_LOWERED}]+)"
-    f"|(?P<words>[Ͱ-λν-Ͽ{''.join(_WORDS)}]+)|[^\udc80-\udcff]"
-)
+#: Exponents, indices, and runs of Greek letters and signs of `_WORDS`.
+_SCRIPTS = re.compile(f"(?P<raised>[{_RAISED}]+)|(?P<lowered>[{_LOWERED}]+)")
+_GREEK = re.compile(f"[Ͱ-λν-Ͽ{''.join(_WORDS)}]+")
 #: Length from which a run of Greek letters is a Greek word, not a formula.
 _GREEK_WORD = 3
 
@@ -88,35 +86,27 @@ def drop(stream: TextIO) -> None:
 
 
 def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
-    """Replace characters that an encoding lacks by ASCII; an error handler for `codecs`."""
+    """Replace the first characters that an encoding lacks by ASCII; a handler for `codecs`."""
     if not isinstance(fault, UnicodeEncodeError):
         raise fault
-    text, start, end = fault.object, fault.start, fault.end
+    text, start = fault.object, fault.start
     if "\udc80" <= text[start] <= "\udcff":
         # an undecodable byte of a file name is written unchanged
         return bytes([ord(text[start]) & 0xFF]), start + 1
-    for marks in (_RAISED, _LOWERED):
-        # replace the whole exponent, even if the encoding contains some digits: nm⁻² is nm^-2
-        while text[end - 1] in marks and text[end : end + 1] and text[end] in marks:
-            end += 1
-    spelled, at = "", start
-    while at < end and (group := _GROUPS.match(text, at, end)):
-        before, after = (spelled or text[at - 1 : at])[-1:], text[group.end() : group.end() + 1]
-        match group.lastgroup:
-            case "raised" | "lowered" as kind:
-                mark, marks = ("^", _RAISED) if kind == "raised" else ("_", _LOWERED)
-                continued = at > 0 and text[at - 1] in marks
-                spelled += ("" if continued else mark) + "".join(map(_plain, group[0]))
-            case "words" if len(group[0]) < _GREEK_WORD:
-                left = " " if before.isalnum() else ""
-                right = " " if after.isalpha() and after not in _RAISED + _LOWERED else ""
-                spelled += left + " ".join(map(_word, group[0])) + right
-            case "words":
-                spelled += _escaped(group[0])
-            case _:
-                spelled += _plain(group[0])
-        at = group.end()
-    return spelled, at
+    before = _plain(text[start - 1]) if start else ""
+    # the whole exponent, even if the encoding contains some digits: nm⁻² is nm^-2
+    if group := _SCRIPTS.match(text, start):
+        mark, marks = ("^", _RAISED) if group["raised"] else ("_", _LOWERED)
+        mark = "" if start and text[start - 1] in marks else mark
+        return mark + "".join(map(_plain, group[0])), group.end()
+    if group := _GREEK.match(text, start, fault.end):
+        after = text[group.end() : group.end() + 1]
+        if len(group[0]) >= _GREEK_WORD:
+            return _escaped(group[0]), group.end()
+        left = " " if before[-1:].isalnum() else ""
+        right = " " if after.isalpha() and after not in _RAISED + _LOWERED else ""
+        return left + " ".join(map(_word, group[0])) + right, group.end()
+    return _plain(text[start]), start + 1
 
 
 def _word(letter: str) -> str:
