@@ -49,12 +49,12 @@ _SEVERITY = (0, FAULT, _DEFECT)
 
 def say_fault(fault: Exception) -> int:
     """Print the fault of the command; return the exit status."""
-    status, text = described_fault(fault)
+    status, text = _described_fault(fault)
     say(text)
     return status
 
 
-def described_fault(fault: Exception, subject: str = "") -> tuple[int, str]:
+def _described_fault(fault: Exception, subject: str = "") -> tuple[int, str]:
     """Return exit status and message for a fault of `subject`, by default of the command."""
     failure = failure_of(fault)
     if not failure.correctable:
@@ -118,22 +118,19 @@ def linked(options: Namespace) -> list[Path]:
 
     `InputError` is raised if a link is invalid, or --segment or --lod is given without a link.
     """
-    links = [each for each in options.mesh if is_link(each)]
-    if not links and (options.segment or options.lod is not None):
+    n_links = sum(map(is_link, options.mesh))
+    if not n_links and (options.segment or options.lod is not None):
         raise InputError(
             "--segment and --lod need a link in place of the mesh file, such as"
             " precomputed://gs://bucket/layer."
         )
-    if len(links) > 1 and options.segment:
+    if n_links > 1 and options.segment:
         raise InputError("--segment needs a single link: run the command once for each link.")
-    found = []
-    for each in options.mesh:
-        segments = options.segment or [None]
-        if is_link(each):
-            found += [link_file(parse_link(each, one, options.lod)) for one in segments]
-        else:
-            found.append(each)
-    return found
+    return [
+        link_file(parse_link(each, one, options.lod)) if is_link(each) else each
+        for each in options.mesh
+        for one in (options.segment if is_link(each) and options.segment else [None])
+    ]
 
 
 def expanded(named: Iterable[Path]) -> list[Path]:
@@ -172,13 +169,12 @@ class Batch:
 
     def outcome(self, number: int) -> Outcome:
         """Process one mesh."""
-        path, content = self.options.mesh[number], None
+        content = None
         try:
-            mesh = read(path, self.options)
-            if self.finished:
-                content = content_of(mesh)
-                if content == self.finished.get(number):
-                    return Outcome(number, content=content, kept=True)
+            mesh = read(self.options.mesh[number], self.options)
+            content = content_of(mesh) if self.finished else None
+            if content and content == self.finished.get(number):
+                return Outcome(number, content=content, kept=True)
             own = in_unit(self.options, mesh.unit)
             used = prepared(mesh, self.options) if self.repaired else mesh
             began = time.perf_counter()
@@ -188,11 +184,10 @@ class Batch:
         except (Cancelled, BrokenPipeError):  # these end the command
             raise
         except Exception as fault:  # noqa: BLE001  reported; the next mesh follows
-            return self.failed(number, fault, content)
+            return self._failed(number, fault, content)
 
-    def failed(self, number: int, fault: Exception, content: Content | None = None) -> Outcome:
-        """Return the outcome of a mesh that failed."""
-        status, text = described_fault(fault, shown_path(self.options.mesh[number]))
+    def _failed(self, number: int, fault: Exception, content: Content | None = None) -> Outcome:
+        status, text = _described_fault(fault, shown_path(self.options.mesh[number]))
         return Outcome(number, content=content, status=status, fault=text)
 
     def outcomes(self, client: Any = None) -> Iterator[list[Outcome]]:
@@ -203,7 +198,7 @@ class Batch:
             return
         for answers in results_of_tasks(client, self.outcome, numbers):
             yield [
-                self.failed(number, result) if isinstance(result, Exception) else result
+                self._failed(number, result) if isinstance(result, Exception) else result
                 for number, result in answers
             ]
 
@@ -221,64 +216,58 @@ def for_each(
     A fault of one mesh does not stop the others. `outputs` and `others` are the files that are
     written for each mesh; with `--scheduler` or `--resume` they are listed in a manifest.
     """
-    batch = Batch(options, work, repaired)
-    scheduler = getattr(options, "scheduler", None)
-    if scheduler is None and not getattr(options, "resume", False):
-        said = (_say_outcome(options, each) for (each,) in batch.outcomes())
-        return max(said, key=_SEVERITY.index)
-    manifest = Manifest(outputs, others, options)
-    if options.resume:
-        batch = replace(batch, finished=manifest.finished())
+    scheduler, resume = (getattr(options, name, None) for name in ("scheduler", "resume"))
+    manifest = Manifest(outputs, others, options) if scheduler or resume else None
+    finished = manifest.finished() if manifest and resume else {}
+    batch = Batch(options, work, repaired, finished)
     with contextlib.ExitStack() as stack:
-        bar, client = None, None if scheduler is None else stack.enter_context(connected(scheduler))
+        bar, client = None, stack.enter_context(connected(scheduler)) if scheduler else None
         if client and len(options.mesh) == 1 and getattr(options, "pieces", None):
             options.client, client = client, None  # the tasks are the pieces of the mesh
         elif client:
             options.jobs = options.jobs or 1  # each worker has cores of its own
             bar = stack.enter_context(progress_bar("meshes"))
-        return _with_manifest(options, batch.outcomes(client), manifest, bar)
+        return _reported(options, batch.outcomes(client), manifest, bar)
 
 
-def _say_outcome(options: Namespace, outcome: Outcome) -> int:
-    """Print the report or the fault of a mesh, and return its exit status."""
-    if outcome.fault:
-        say(outcome.fault)
-    elif not outcome.kept:
-        print_report(options, options.mesh[outcome.number], outcome.report, outcome.said)
-    return outcome.status
-
-
-def _with_manifest(
+def _reported(
     options: Namespace,
     outcomes: Iterator[list[Outcome]],
-    manifest: Manifest,
+    manifest: Manifest | None,
     bar: ProgressBar | None,
 ) -> int:
-    """Record and print outcomes as they arrive, and all faults at the end; return the status."""
+    """Print outcomes as they arrive, and return the status.
+
+    With a manifest, outcomes are also recorded, and faults are printed at the end.
+    """
     came: list[Outcome] = []
     failed: list[Outcome] = []
     count = len(options.mesh)
     try:
         for batch in outcomes:
-            manifest.add(each for each in batch if not each.kept)
+            if manifest is not None:
+                manifest.add(each for each in batch if not each.kept)
             came += batch
             failed += [each for each in batch if each.fault]
             with contextlib.nullcontext() if bar is None else bar.hidden():
                 for each in batch:
-                    if not each.fault:
-                        _say_outcome(options, each)
+                    if each.fault and manifest is None:
+                        say(each.fault)
+                    elif not (each.fault or each.kept):
+                        print_report(options, options.mesh[each.number], each.report, each.said)
             if bar is not None:
                 message = f"{len(came)} of {count}, {len(failed)} failed"
                 bar(Progress("meshes", len(came) / count, message=message))
     finally:
-        for each in sorted(failed, key=lambda each: each.number):
-            _say_outcome(options, each)
-        kept = sum(each.kept for each in came)
-        before = f", {kept} of them before" if kept else ""
-        say(
-            f"{len(came) - len(failed)} of {counted(count, 'mesh')} done{before},"
-            f" {len(failed)} failed; manifest: {manifest.path}"
-        )
+        if manifest is not None:
+            for each in sorted(failed, key=lambda each: each.number):
+                say(each.fault)
+            kept = sum(each.kept for each in came)
+            before = f", {kept} of them before" if kept else ""
+            say(
+                f"{len(came) - len(failed)} of {counted(count, 'mesh')} done{before},"
+                f" {len(failed)} failed; manifest: {manifest.path}"
+            )
     return max((each.status for each in failed), key=_SEVERITY.index, default=0)
 
 

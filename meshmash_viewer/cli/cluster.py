@@ -68,6 +68,7 @@ def connected(scheduler: str) -> Iterator[Any]:
     # the command reports faults; Dask would also warn about workers that run C code
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
+        place: Any = scheduler
         if scheduler.startswith(LOCAL):
             stack.enter_context(dask.config.set(_QUIET))
             if sys.platform == "linux":
@@ -79,7 +80,7 @@ def connected(scheduler: str) -> Iterator[Any]:
                 }
                 stack.enter_context(dask.config.set(forked))
                 distributed.utils.get_mp_context().set_forkserver_preload(_PRELOADED)
-            place: Any = stack.enter_context(
+            place = stack.enter_context(
                 distributed.LocalCluster(
                     n_workers=int(scheduler.removeprefix(LOCAL)),
                     threads_per_worker=1,
@@ -87,8 +88,6 @@ def connected(scheduler: str) -> Iterator[Any]:
                     silence_logs=logging.CRITICAL,
                 )
             )
-        else:
-            place = scheduler
         try:
             if place is scheduler:
                 resolve_address(place)  # an error at once; a client waits for a while
@@ -98,12 +97,11 @@ def connected(scheduler: str) -> Iterator[Any]:
                 f"No Dask scheduler answers at {printable(scheduler)}: give the address that `dask"
                 f" scheduler` prints, such as tcp://HOST:8786, or {LOCAL}2."
             ) from fault
-        with client:
-            known = client.scheduler_info(n_workers=-1)
-            waits = "" if known["workers"] else "; it has no workers yet"
-            seen = f"; dashboard: {client.dashboard_link}" if known["services"] else ""
-            say(f"{counted(len(known['workers']), 'worker')} of {known['address']}{waits}{seen}")
-            yield client
+        known = stack.enter_context(client).scheduler_info(n_workers=-1)
+        waits = "" if known["workers"] else "; it has no workers yet"
+        seen = f"; dashboard: {client.dashboard_link}" if known["services"] else ""
+        say(f"{counted(len(known['workers']), 'worker')} of {known['address']}{waits}{seen}")
+        yield client
 
 
 def results_of_tasks(

@@ -8,7 +8,7 @@ import json
 import os
 import time
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from importlib.util import find_spec
@@ -100,7 +100,6 @@ class Manifest:
 
     def add(self, outcomes: Iterable[Outcome]) -> None:
         """Add rows, replace older rows of the same outputs, and write the file."""
-        import pyarrow
         import pyarrow.compute
         import pyarrow.parquet
 
@@ -122,23 +121,16 @@ class Manifest:
                 "report": None if each.fault else json.dumps(report),
             })  # fmt: skip
         added = pyarrow.Table.from_pylist(rows, pyarrow.schema(COLUMNS.items()))
-        with writing_errors(self.path), self._alone():
-            before = _table_in(self.path)
-            again = pyarrow.compute.is_in(before["output"], added["output"].combine_chunks())
-            table = pyarrow.concat_tables([before.filter(pyarrow.compute.invert(again)), added])
+        # the system releases the lock of a killed process
+        lock = FileLock(self.path.with_name(f".{self.path.stem}.lock"))
+        with writing_errors(self.path), contextlib.ExitStack() as stack:
+            stack.callback(lock.release)
+            while not lock.acquire():
+                time.sleep(_WAIT)
+            again = pyarrow.compute.field("output").isin(added["output"].combine_chunks())
+            table = pyarrow.concat_tables([_table_in(self.path).filter(~again), added])
             with written_whole(self.path) as part:
                 pyarrow.parquet.write_table(table.sort_by("output"), str(part))
-
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Wait for the lock of the file; the system releases the lock of a killed process."""
-        lock = FileLock(self.path.with_name(f".{self.path.stem}.lock"))
-        while not lock.acquire():
-            time.sleep(_WAIT)
-        try:
-            yield
-        finally:
-            lock.release()
 
     def _name(self, output: Path) -> str:
         return Path(os.path.relpath(output, self.folder)).as_posix()
