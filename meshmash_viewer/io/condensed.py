@@ -9,8 +9,9 @@ text files in the same folder, separated by tabs; they apply to all files of the
 from __future__ import annotations
 
 import contextlib
+import itertools
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,7 @@ from meshmash_viewer.features.domains import (
 )
 from meshmash_viewer.io.atomic import writing_errors, written_together
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.edges import side_codes
 from meshmash_viewer.vertex_map import LABEL_COLORS, MOST_LABELS, Label, VertexMap
 
 if TYPE_CHECKING:
@@ -74,7 +76,7 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
     if int(known.max(initial=-1)) >= k:
         raise InputError(f"Labels are up to {known.max()}, and there are {k} rows of domains.")
     arrays = {"X": np.asarray(rows, dtype=np.float32), "labels": known.astype(np.int32)}
-    _write(path, arrays, {HEADER: list(map(str, features))})
+    _write(path, arrays, {HEADER: features})
 
 
 def read_condensed_features(path: str | Path) -> tuple[DataFrame, IntArray]:
@@ -131,13 +133,10 @@ def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) 
     (2, [0], [1])
     """
     _check_graph(nodes, edges, "The graph has")
-    arrays = {
-        "nodes": np.asarray(nodes, dtype=np.float32),
-        # numbers of nodes above 16,777,216 are not exact in float32
-        "edges": np.asarray(edges, dtype=np.float32 if len(nodes) < 2**24 else np.float64),
-    }
-    headers = {NODES_HEADER: list(map(str, nodes)), EDGES_HEADER: list(map(str, edges))}
-    _write(path, arrays, headers)
+    # numbers of nodes above 16,777,216 are not exact in float32
+    exact = np.float32 if len(nodes) < 2**24 else np.float64
+    arrays = {"nodes": np.asarray(nodes, dtype=np.float32), "edges": np.asarray(edges, dtype=exact)}
+    _write(path, arrays, {NODES_HEADER: nodes, EDGES_HEADER: edges})
 
 
 def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
@@ -179,16 +178,13 @@ def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) 
     >>> ids.tolist(), vertices.tolist()
     ([7001, 7002], [12, 640])
     """
-    found = [np.asarray(each) for each in (ids, vertices)]
-    shapes = [each.shape for each in found]
-    if shapes[0] != shapes[1] or any(
-        each.ndim != 1 or each.dtype.kind not in "iu" for each in found
-    ):
-        said = " and ".join(map(str, shapes))
+    one, other = np.asarray(ids), np.asarray(vertices)
+    if one.shape != other.shape or one.ndim != 1 or {one.dtype.kind, other.dtype.kind} - {*"iu"}:
+        said = f"{one.shape} and {other.shape}"
         raise InputError(f"Ids and vertices of shapes {said}: give one whole number of each.")
-    if int(found[0].max(initial=0)) >= 2**63:
-        raise InputError(f"The id {found[0].max()} is not below 2**63: the file cannot hold it.")
-    _write(path, {ID_MAP: np.stack([each.astype(np.int64) for each in found], axis=1)}, {})
+    if int(one.max(initial=0)) >= 2**63:
+        raise InputError(f"The id {one.max()} is not below 2**63: the file cannot hold it.")
+    _write(path, {ID_MAP: np.column_stack([one.astype(np.int64), other.astype(np.int64)])}, {})
 
 
 def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
@@ -234,38 +230,34 @@ def labelled_domains(
     numbers = np.nan_to_num(given.values, nan=-1.0).astype(np.int64)
     of_mesh = numbers if len(numbers) == mesh.n_vertices else numbers[mesh.file_indices]
     groups = _distinct(of_mesh[mesh.faces], int(numbers.max()) + 1)
-    count = len(groups)
-
-    def label_set(name: str, one: str, first: int, keys: IntArray, groups: list[int]) -> VertexMap:
-        labels = (
-            Label(at + 1, f"{one} {at + first}", LABEL_COLORS[group % len(LABEL_COLORS)])
-            for at, group in enumerate(groups)
+    count, rest = len(groups), tuple(each for each in maps if each is not given)
+    said: tuple[str, ...] = ()
+    name, one, first, keys = DOMAINS, "domain", 0, numbers + 1
+    if count > MOST_LABELS:
+        said = (
+            f"has {count:,} domains, and {MOST_LABELS} labels can be distinguished: a label is a"
+            f" group of domains that do not touch, and the map {DOMAINS} has their numbers",
         )
-        return VertexMap(name, keys, tuple(labels), path=given.path)
-
-    if count <= MOST_LABELS:
-        found = label_set(DOMAINS, "domain", 0, numbers + 1, groups)
-        return (*(each for each in maps if each is not given), found), ()
-    keys = np.append(np.asarray(groups) + 1, 0)[numbers]
-    found = label_set("groups of domains", "group", 1, keys, [*range(max(groups) + 1)])
-    said = (
-        f"has {count:,} domains, and {MOST_LABELS} labels can be distinguished: a label is a group"
-        f" of domains that do not touch, and the map {DOMAINS} has their numbers"
+        keys, rest = np.append(np.asarray(groups) + 1, 0)[numbers], tuple(maps)
+        name, one, first, groups = "groups of domains", "group", 1, [*range(max(groups) + 1)]
+    labels = (
+        Label(at + 1, f"{one} {at + first}", LABEL_COLORS[group % len(LABEL_COLORS)])
+        for at, group in enumerate(groups)
     )
-    return (*maps, found), (said,)
+    return (*rest, VertexMap(name, keys, tuple(labels), path=given.path)), said
 
 
 def _distinct(corners: IntArray, count: int) -> list[int]:
     """Colour the domains greedily: return a number for each, different in adjacent domains."""
-    pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    pairs = np.sort(pairs[(pairs[:, 0] != pairs[:, 1]) & (pairs >= 0).all(axis=1)], axis=1)
+    keys = np.unique(side_codes(corners, count) >> 1)
     lower: list[set[int]] = [set() for _ in range(count)]
-    for low, high in np.unique(pairs, axis=0).tolist():
-        lower[high].add(low)
+    for low, high in np.transpose(np.divmod(keys[keys >= 0], count)).tolist():
+        if low != high:
+            lower[high].add(low)
     found: list[int] = []
-    for domain in range(count):
-        taken = {found[other] for other in lower[domain]}
-        found.append(next(number for number in range(count) if number not in taken))
+    for others in lower:
+        taken = {found[other] for other in others}
+        found.append(next(number for number in itertools.count() if number not in taken))
     return found
 
 
@@ -280,17 +272,19 @@ def _check_graph(nodes: DataFrame, edges: DataFrame, subject: str) -> None:
 
 
 def _write(
-    path: str | Path, arrays: dict[str, npt.NDArray[Any]], headers: dict[str, list[str]]
+    path: str | Path, arrays: dict[str, npt.NDArray[Any]], headers: Mapping[str, Iterable[Any]]
 ) -> None:
+    """Write arrays, and files of the names of columns that do not exist yet."""
     path = Path(path)
     if path.suffix.lower() != ".npz":
         raise InputError(f"{path} does not end in .npz, which is the format of domains.")
     with writing_errors(path):
         new = {}
-        for name, columns in headers.items():
+        for name, table in headers.items():
+            columns, header = list(map(str, table)), path.parent / name
             if any("\t" in each or "\n" in each for each in columns):
                 raise InputError(f"A column of {path} has a tab or a line break in its name.")
-            text, header = "\t".join(columns), path.parent / name
+            text = "\t".join(columns)
             if not header.exists():
                 new[header] = text
             elif header.read_text(encoding="utf-8").rstrip("\r\n") != text:

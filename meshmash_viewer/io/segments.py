@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import io
-import itertools
 import math
 import os
 import socket
@@ -17,6 +16,7 @@ from typing import Any, TypeAlias
 from urllib.parse import urlsplit
 from urllib.request import getproxies
 
+from meshmash_viewer.arrays import blocks
 from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.io.links import MeshLink, read_link
@@ -90,7 +90,7 @@ def read_segment(
         notes = Path(folder, "notes")
         if is_child():
             return fetch(link, notes)
-        look, env = _Follower(notes, progress, cancel), {"OPENBLAS_NUM_THREADS": "1"}
+        look, env = _follower(notes, progress, cancel), {"OPENBLAS_NUM_THREADS": "1"}
         try:
             return call_in_child(fetch, link, notes, look=look, env=env)
         except ChildEnded:
@@ -100,34 +100,31 @@ def read_segment(
             ) from None
 
 
-class _Follower:
-    """Check of the child process, which reports its progress, or raises an exception to end it."""
+def _follower(
+    notes: Path, progress: ProgressCallback | None, cancel: CancelCallback | None
+) -> Callable[[ProcessTree], None]:
+    """Return a check of the child process, which reports its progress, or raises to end it."""
+    last, since = ("", 0), time.monotonic()
 
-    def __init__(
-        self, notes: Path, progress: ProgressCallback | None, cancel: CancelCallback | None
-    ) -> None:
-        self._notes, self._progress, self._cancel = notes, progress, cancel
-        self._sign: tuple[str, int] = "", 0
-        self._since = time.monotonic()
-
-    def __call__(self, tree: ProcessTree) -> None:
-        check_cancelled(self._cancel)
+    def look(tree: ProcessTree) -> None:
+        nonlocal last, since
+        check_cancelled(cancel)
         seconds, memory = tree.measured()
-        note = self._notes.read_text() if self._notes.exists() else ""
         # the last line may be incomplete
-        note = note.rpartition("\n")[0].rpartition("\n")[2]
-        sign = note, int(seconds)
-        if sign != self._sign:
-            if note and note != self._sign[0] and self._progress is not None:
-                share = float(note.split()[0])
-                text = "Downloading the segment" if share < 1.0 else "Joining its fragments"
-                self._progress(Progress("reading", share, message=text))
-            self._sign, self._since = sign, time.monotonic()
-        elif time.monotonic() - self._since > _SILENCE:
+        lines = notes.read_text().split("\n")[:-1] if notes.exists() else []
+        note = lines[-1] if lines else ""
+        share, n_vertices = map(float, note.split() or (0.0, 0.0))
+        if note != last[0] and progress is not None:
+            text = "Downloading the segment" if share < 1.0 else "Joining its fragments"
+            progress(Progress("reading", share, message=text))
+        if last != (note, int(seconds)):
+            last, since = (note, int(seconds)), time.monotonic()
+        elif time.monotonic() - since > _SILENCE:
             raise SegmentFault(f"sends nothing for {_SILENCE:.0f} seconds; try it later.")
-        n_vertices = float(note.split()[1]) if note else 0.0
         if memory > (limit := ReadLimits.of(round(n_vertices * _BYTES)).memory):
             raise LimitExceeded(f"takes more than {limit / 1e6:.0f} MB of memory to read")
+
+    return look
 
 
 # -- in the child process ------------------------------------------------------------------------
@@ -150,12 +147,11 @@ def fetch(link: MeshLink, notes: Path) -> RawMesh:
         raise _explained(fault) from None
 
 
-def _explained(fault: BaseException | None) -> SegmentFault:
+def _explained(fault: Exception) -> SegmentFault:
     """Explain an exception of a cloud library without its text, which may contain a secret."""
-    seen: list[BaseException] = []
-    while fault is not None and fault not in seen:
-        seen.append(fault)
-        fault = fault.__cause__ or fault.__context__
+    seen: list[BaseException] = [fault]
+    while (cause := seen[-1].__cause__ or seen[-1].__context__) and cause not in seen:
+        seen.append(cause)
     for each in seen:
         response = getattr(each, "response", None)
         status = getattr(response, "status_code", getattr(each, "code", None))
@@ -166,7 +162,7 @@ def _explained(fault: BaseException | None) -> SegmentFault:
                 return SegmentFault(clause)
         if status in (400, 404):
             return SegmentFault(_MISSING)
-    name = type(seen[0]).__name__
+    name = type(fault).__name__
     return SegmentFault(f"cannot be read ({name}); check the link, and open it in Neuroglancer.")
 
 
@@ -179,12 +175,10 @@ def _check_place(source: str) -> None:
         return
     if {"http", "https", "all"} & set(getproxies()):
         return  # the proxy resolves the host
-    place = urlsplit(f"{protocol.removeprefix('middleauth+')}://{rest}")
-    host = _HOSTS.get(protocol, place.hostname or "")
-    port = None if protocol in _HOSTS else place.port
-    place_of_host = host, port or (80 if protocol == "http" else 443)
+    place = urlsplit(f"https://{_HOSTS.get(protocol, rest)}")
+    host, port = place.hostname or "", place.port or (80 if protocol == "http" else 443)
     try:
-        socket.create_connection(place_of_host, _ANSWER).close()
+        socket.create_connection((host, port), _ANSWER).close()
     except OSError:
         raise SegmentFault(
             f"cannot be reached, as {host} does not answer; check the network and the link."
@@ -194,16 +188,16 @@ def _check_place(source: str) -> None:
 def _read(link: MeshLink, note: _Note) -> RawMesh:
     from cloudvolume import CloudVolume
 
-    if link.source.startswith("precomputed"):
+    is_graphene = link.source.startswith("graphene")
+    if not is_graphene:
         _check_info(link.source.partition("://")[2])
     source = CloudVolume(link.source, progress=False).mesh
-    if link.source.startswith("graphene"):
+    if is_graphene:
         found = source.get(link.segment)
         mesh, n_fragments = found[link.segment] if isinstance(found, dict) else found, 2
-    elif hasattr(source, "get_manifest"):
-        mesh, n_fragments = _of_levels(source, link, note)
     else:
-        mesh, n_fragments = _of_fragments(source, link, note)
+        read = _of_levels if hasattr(source, "get_manifest") else _of_fragments
+        mesh, n_fragments = read(source, link, note)
     note(1.0, len(mesh.vertices))
     return _joined(mesh.vertices, mesh.faces, n_fragments)
 
@@ -250,8 +244,7 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
         raise SegmentFault(f"{what}; report it to those who host the layer.")
     total, done, n_vertices, meshes = sum(sizes.values()), 0, 0, []
     # the first fragment is downloaded alone, to estimate the number of vertices of all
-    starts = [0, *range(1, len(names), _AT_ONCE), len(names)]
-    for batch in (names[start:end] for start, end in itertools.pairwise(starts)):
+    for batch in (names[:1], *(names[part] for part in blocks(len(names), _AT_ONCE, 1))):
         found = {each["path"]: each["content"] for each in folder.get(batch)}
         for name in batch:
             meshes.append(_decoded(Mesh, name, found[name]))
@@ -307,10 +300,10 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
 def _check_size(expected: Sequence[float]) -> None:
     """Raise `SegmentFault`, with a level that fits, if the first level has too many vertices."""
     most = MOST_VERTICES * limit_factor()
-    if expected[0] <= most:
-        return
     said = f"has about {_millions(expected[0])}, more than the {_millions(most)} that are read"
     fitting = next((lod for lod, n in enumerate(expected) if n <= most), None)
+    if fitting == 0:
+        return
     if fitting is not None:
         raise SegmentFault(
             f"{said} unasked; take level of detail {fitting} with about"
