@@ -172,27 +172,23 @@ class ProjectedPoints:
         """Return values of shape (n, ...) at the vertices of points; NaN or None without one."""
         found = values[self.vertices]
         if not self.near.all():
-            kind = found.dtype if found.dtype.kind in "fO" else np.float64
-            found = found.astype(kind)
+            found = found.astype(found.dtype if found.dtype.kind in "fO" else np.float64)
             found[~self.near] = None if found.dtype.kind == "O" else np.nan
         return found
 
     def sums(self, groups: npt.NDArray[np.integer], n_groups: int) -> dict[str, npt.NDArray[Any]]:
-        """Count the points of each group, and sum their columns exactly.
+        """Count the points of each group, and sum their columns exactly, without missing values.
 
         `groups`, shape (n,), is the group of each vertex from 0, -1 for none. The result contains
         ``points``, and ``sum NAME`` for each column of `Points.summed`, of shape (n_groups,).
-        Missing values are left out.
         """
         of_point = np.where(self.near, groups[self.vertices], -1)
-        inside = np.flatnonzero(of_point >= 0)
-        order = inside[np.argsort(of_point[inside], kind="stable")]
-        counts = np.bincount(of_point[inside], minlength=n_groups)
-        ends = np.cumsum(counts)[:-1]
-        result: dict[str, npt.NDArray[Any]] = {"points": counts}
+        order = np.argsort(of_point, kind="stable")[np.count_nonzero(of_point < 0) :]
+        result = {"points": np.bincount(of_point[order], minlength=n_groups)}
+        parts = np.split(order, np.cumsum(result["points"])[:-1])
         for name in self.points.summed:
-            parts = np.split(self.points.columns[name][order], ends)
-            result[f"sum {name}"] = np.array([_sum(part) for part in parts])
+            values = self.points.columns[name]
+            result[f"sum {name}"] = np.array([_sum(values[part]) for part in parts])
         return result
 
     def per_label(self, labels: VertexMap | npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
@@ -226,12 +222,10 @@ class ProjectedPoints:
         """Return columns by name, with a row for each point, and features or maps at its vertex.
 
         The columns of `Points` are followed by ``x``, ``y``, ``z`` in the unit of the mesh,
-        ``vertex``, the index in the mesh file, ``distance``, and the features. Without a vertex,
-        ``vertex`` is None, and later columns are NaN or None. For a map with labels, values are
-        their names. A number is appended to repeated column names.
+        ``vertex``, the index in the mesh file, ``distance``, and the features: for a map with
+        labels, their names. Without a vertex they are None or NaN. Repeated names get a number.
         """
-        vertex = self.at(self.mesh.file_indices.astype(object))
-        vertex = vertex.astype(np.int64) if self.near.all() else vertex
+        vertex = self.at(self.mesh.file_indices.astype(np.int64 if self.near.all() else object))
         found = dict(self.points.columns)
         more = [*zip("xyz", self.positions.T, strict=True)]
         more += [("vertex", vertex), ("distance", self.distances)]

@@ -147,10 +147,9 @@ class MeshStitcher(Sequence[Piece]):
             ``2.5 √t_max`` plus two edges. The effect of the cut on heat is then less than 1 %
             except at single vertices, which `seams` finds.
         overlap : float, optional
-            Width relative to the square root of the mean area of a full piece. Where vertices are
-            too dense for this width, the overlap is narrower, but always contains every neighbour
-            of the core. If no width is given, `overlap` is 0.15; if `apply` is called with `t_max`
-            later, the mesh is cut again with this `t_max`.
+            Width relative to the square root of the mean area of a full piece; narrower where
+            vertices are dense, but with all neighbours of the core. If no width is given, `overlap`
+            is 0.15, and a later `apply` with `t_max` cuts the mesh again with this `t_max`.
         min_vertex_threshold : int, optional
             Components with fewer vertices are left out.
         max_overlap_neighbors : int, optional
@@ -164,14 +163,15 @@ class MeshStitcher(Sequence[Piece]):
                 f"max_vertex_threshold={max_vertex_threshold} is less than a triangle has: "
                 "give some thousands."
             )
-        _check_width(overlap_distance=overlap_distance, t_max=t_max, overlap=overlap)
-        if max_overlap_neighbors is not None and overlap_distance is None and t_max is None:
+        widths = {"overlap_distance": overlap_distance, "t_max": t_max, "overlap": overlap}
+        widths = {name: width for name, width in widths.items() if width is not None}
+        _check_width(widths)
+        if max_overlap_neighbors is not None and widths.keys() <= {"overlap"}:
             raise InputError(
                 "max_overlap_neighbors limits an overlap of a given width: give overlap_distance"
                 " or t_max with it."
             )
-        chosen = overlap_distance is not None or t_max is not None or overlap is not None
-        self._open = None if chosen else {
+        self._open = None if widths else {
             "max_vertex_threshold": max_vertex_threshold,
             "min_vertex_threshold": min_vertex_threshold,
         }  # fmt: skip
@@ -233,31 +233,24 @@ class MeshStitcher(Sequence[Piece]):
         ----------
         function : callable
             Called with ``(vertices, faces)`` of a piece; may be a lambda. It runs with one BLAS
-            thread, and uses one core if pieces are computed in parallel. For stitching, it has to
-            return a value or a row of values for each vertex, shape (n_i,) or (n_i, f), or None for
-            a piece without values.
+            thread, and uses one core if pieces are computed in parallel. For stitching, it returns
+            values of shape (n_i,) or (n_i, f), or None for a piece without values.
         stitch : bool
-            True: return one array for the whole mesh, with the value of each vertex from the piece
-            in which it is farthest from the cut along the edges. False: return the list of results
-            in the order of `pieces`.
+            True: return an array, shape (n,) or (n, f), with the value of each vertex from the
+            piece in which it is farthest from the cut. False: return the list of results.
         fill_value : float
-            Value of the vertices that are in no piece.
+            Value of vertices in no piece, such as unreferenced ones; NaN converts integer results
+            to floating point.
         progress, cancel : callable, optional
             See `meshmash_viewer.progress`; called between pieces.
         **arguments
             Further arguments of the function: ``apply(mv.compute_hks, t_min=…, t_max=…)``.
 
-        Returns
-        -------
-        ndarray, shape (n,) or (n, f), or list
-            Unreferenced vertices are in no piece and have `fill_value`; NaN converts integer
-            results to floating point.
-
         Notes
         -----
-        If `t_max` is among the arguments, and `split_mesh` has not been called with a width of the
-        overlap, `split_mesh` is called with this `t_max`. With a `t_max`, `TruncationWarning` is
-        given if a column differs by more than 1 % in the median where pieces meet; see `seams`.
+        With a `t_max` among the arguments, `split_mesh` is called with it unless a width of the
+        overlap has been chosen, and `TruncationWarning` is given if a column differs by more than
+        1 % in the median where pieces meet; see `seams`.
 
         With ``drop_first=True`` the functions of `meshmash_viewer.decompose` leave out the first
         pair of the whole mesh, and not of the piece, whose squared first eigenvector is larger by
@@ -295,9 +288,7 @@ class MeshStitcher(Sequence[Piece]):
     ) -> Any:
         """Call a function on every piece and the rows of features at its vertices; see `apply`.
 
-        `features` has a value or a row for each vertex of the mesh, shape (n,) or (n, f).
-
-        `InputError` is raised if the number of rows differs from the number of vertices.
+        `features` are of shape (n,) or (n, f); `InputError` is raised if n does not match.
         """
         rows = np.asarray(features)
         if rows.ndim == 0 or len(rows) != self.mesh.n_vertices:
@@ -408,8 +399,8 @@ class MeshStitcher(Sequence[Piece]):
     ) -> npt.NDArray[Any]:
         """Combine the results of `apply` with ``stitch=False``, None for a piece without values.
 
-        Vertices without a value get `fill_value`. `InputError` is raised if the number of results
-        is not the number of pieces, or shapes do not agree.
+        `InputError` is raised if the number of results is not the number of pieces, or shapes do
+        not agree. Vertices without a value get `fill_value`.
         """
         if len(features_by_submesh) != len(self):
             raise InputError(
@@ -446,12 +437,11 @@ def reach_of(time: float, graph: Graph) -> float:
     return _REACH * math.sqrt(time) + 2.0 * float(graph.data.mean())
 
 
-def _check_width(**widths: Any) -> None:
+def _check_width(widths: dict[str, Any]) -> None:
     """Raise `InputError` if several widths of the overlap are given, or one is invalid."""
-    given = {name: width for name, width in widths.items() if width is not None}
-    if len(given) > 1:
-        raise InputError(f"{' and '.join(given)} are given: give only one of them.")
-    for name, width in given.items():
+    if len(widths) > 1:
+        raise InputError(f"{' and '.join(widths)} are given: give only one of them.")
+    for name, width in widths.items():
         if not (isinstance(width, Real) and 0.0 <= float(width) < math.inf):
             usual = "from 0 to about 0.5" if name == "overlap" else "from 0, in unit of the mesh"
             raise InputError(f"{name}={width!r} is not a width: give a number {usual}.")
