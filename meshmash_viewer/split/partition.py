@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.edges import edges_of, side_codes
+from meshmash_viewer.surface.edges import side_codes
 
 Graph: TypeAlias = "sparse.csr_array[Any]"
 
@@ -49,10 +49,13 @@ def edge_graph(mesh: Mesh) -> Graph:
     Edges of zero length get a tiny positive length, because a stored zero is not an edge.
     """
     n = mesh.n_vertices
-    ends = np.divmod(edges_of(side_codes(mesh.proper_faces, n)).keys, n)
-    lengths = np.linalg.norm(mesh.vertices[ends[0]] - mesh.vertices[ends[1]], axis=1)
+    keys = side_codes(mesh.proper_faces, n) >> 1
+    keys.sort()
+    keys = keys[np.diff(keys, prepend=-1) > 0]
+    a, b = (each.astype(np.int32) for each in np.divmod(keys, n))
+    lengths = np.sqrt(sum(np.square(axis[a] - axis[b]) for axis in mesh.vertices.T))
     np.maximum(lengths, 1e-9 * lengths.max(initial=0.0), out=lengths)
-    half = sparse.csr_array((lengths, ends), shape=(n, n))
+    half = sparse.csr_array((lengths, (a, b)), shape=(n, n))
     return sparse.csr_array(half + half.T)
 
 

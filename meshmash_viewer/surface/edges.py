@@ -44,8 +44,11 @@ def side_codes(faces: IntArray, n: int) -> IntArray:
     lower. Integers sort several times faster than pairs, and codes do not overflow for n below 2e9.
     """
     tail, tip = faces.ravel(), faces[:, [1, 2, 0]].ravel()
-    low, high = np.minimum(tail, tip), np.maximum(tail, tip)
-    return np.asarray(2 * (low * np.int64(n) + high) + (tail > tip))
+    codes = np.minimum(tail, tip) * np.int64(n)
+    codes += np.maximum(tail, tip)
+    codes *= 2
+    codes += tail > tip
+    return codes
 
 
 def edges_of(codes: IntArray) -> Edges:
