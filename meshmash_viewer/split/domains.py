@@ -19,12 +19,13 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
+from scipy.ndimage import value_indices
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.split.partition import Graph
 from meshmash_viewer.split.stitching import results_of_calls
+from meshmash_viewer.surface.edges import connected
 
 
 def ward_domains(
@@ -42,12 +43,10 @@ def ward_domains(
     an edge. `pieces` is the piece of each vertex, -1 for none. Clusters are joined while their Ward
     distance is below `threshold`. For `n_jobs` and `cancel` see `results_of_calls`.
     """
-    ends = sparse.coo_array(graph).coords
-    inner = pieces[ends[0]] == pieces[ends[1]]
-    within = sparse.coo_array((inner[inner], [each[inner] for each in ends]), graph.shape)
-    part = np.where(pieces < 0, -1, connected_components(within, directed=False)[1])
-    order = np.argsort(part, kind="stable")[np.count_nonzero(part < 0) :]
-    members = np.split(order, np.flatnonzero(np.diff(part[order])) + 1)
+    tails, tips = sparse.coo_array(graph).coords
+    inner = pieces[tails] == pieces[tips]
+    part = np.where(pieces < 0, -1, connected(tails[inner], tips[inner], len(pieces)))
+    members = [own for (own,) in value_indices(part, ignore_value=-1).values()]
     calls = (
         (f"part {at + 1} of {len(members)}", (values[own], sparse.csr_matrix(graph[own][:, own])))
         for at, own in enumerate(members)

@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
+from scipy.ndimage import value_indices
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from meshmash_viewer.arrays import FloatArray, IntArray
@@ -98,9 +99,7 @@ def overlapping_pieces(
             f"Vertex {vertex} has {degrees[vertex]} neighbours, so no piece of {size} vertices "
             f"can hold it: give a max_vertex_threshold above {degrees[vertex]}."
         )
-    sizes = np.bincount(labels[labels >= 0])
-    order = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
-    components = np.split(order, np.cumsum(sizes)[:-1]) if len(sizes) else []
+    components = [members for (members,) in value_indices(labels, ignore_value=-1).values()]
     pieces = _grouped([each for each in components if len(each) <= size], size)
     for component in components:
         if len(component) <= size:

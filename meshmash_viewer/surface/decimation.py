@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import value_indices
 
 from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
 from meshmash_viewer.errors import InputError
@@ -37,15 +38,12 @@ def decimated(
             f" {counted(int(sizes.max()), 'vertex')}: give a smaller min_vertex_threshold."
         )
     faces = mesh.faces[mesh.distinct_corners]
-    of_face = mesh.component_labels[faces[:, 0]]
-    order = np.argsort(of_face, kind="stable")
-    groups = np.split(faces[order], np.cumsum(np.bincount(of_face))[:-1])
     mapping = np.full(mesh.n_vertices, -1, dtype=np.int64)
     parts, count = [], 0
-    for group, size in zip(groups, sizes, strict=True):
-        if size < least:
+    for component, (own,) in value_indices(mesh.component_labels[faces[:, 0]]).items():
+        if sizes[component] < least:
             continue
-        used, corners = np.unique(group, return_inverse=True)
+        used, corners = np.unique(faces[own], return_inverse=True)
         points, kept, places = _collapsed(
             mesh.vertices[used], corners.reshape(-1, 3), reduction, aggressiveness
         )
