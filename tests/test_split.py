@@ -490,6 +490,22 @@ def test_pieces_of_some_vertices_only(fine_sphere: Mesh) -> None:
     )
 
 
+def test_a_piece_without_values_has_no_seams(fine_sphere: Mesh) -> None:
+    def heights(piece: Any, t_max: float) -> np.ndarray | None:
+        return None if piece[0][:, 2].max() > 0.9 else piece[0][:, 2]
+
+    stitcher = MeshStitcher(fine_sphere, n_jobs=1).split_mesh(300, t_max=0.01)
+    found = stitcher.apply(heights, t_max=0.01)
+    known = np.isfinite(found)
+    assert 0 < np.count_nonzero(known) < fine_sphere.n_vertices
+    np.testing.assert_array_equal(found[known], fine_sphere.vertices[known, 2])
+    results = stitcher.apply(heights, stitch=False, t_max=0.01)
+    assert any(each is None for each in results)
+    seams = stitcher.seams(results)
+    assert len(seams) > 0
+    assert (seams == 0.0).all()
+
+
 def test_verbose_says_how_it_goes(fine_sphere: Mesh, capfd: pytest.CaptureFixture[str]) -> None:
     stitcher = MeshStitcher(fine_sphere, n_jobs=1, verbose=True).split_mesh(700)
     assert capfd.readouterr().err == (

@@ -104,7 +104,9 @@ class Seams:
         self._rows: list[npt.NDArray[Any]] = []
 
     def add(self, number: int, result: Any) -> None:
-        """Store the values of a piece at vertices next to seams; pieces ascend."""
+        """Store the values of a piece, if it has any, at vertices next to seams; pieces ascend."""
+        if result is None:
+            return
         rows, at = np.asarray(result), self._at[number]
         self._keys.append(number * self._n + self._pieces[number][at])
         self._rows.append(rows.reshape(len(rows), -1)[at])
