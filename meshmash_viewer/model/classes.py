@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 _PROBABILITY = re.compile(r"(probability of .*|uncertainty( \d+)*)", re.DOTALL)
 #: Largest number of classes whose probabilities become maps; more would fill the list of maps.
 _MOST_PROBABILITIES = 8
+_OUTDATED = " The labels or the options have changed since: press Classify."
 #: Largest number of columns of a model, and of characters in a column name.
 _MOST_COLUMNS, _MOST_LETTERS = 1000, 200
 
@@ -94,7 +95,10 @@ class Learned(Parameters):
 
 
 #: Validator of a result of `Classes.plain`.
-_SAVED = Record({**ClassOptions.entries().kinds, "live": Flag(), "learned": Learned.from_plain})
+_SAVED = Record(
+    {**ClassOptions.entries().kinds, "live": Flag(), "outdated": Flag()}
+    | {"learned": Learned.from_plain}
+)
 
 
 def read_saved_classes(content: object, path: Path) -> dict[str, Any]:
@@ -180,6 +184,10 @@ def _described(model: ClassModel) -> str:
     return f"F1 on {scores.left_out} left out: {each}; by area {scores.weighted_f1:.2f}."
 
 
+#: Label set and options of a training.
+_Source: TypeAlias = tuple[VertexMap, ClassOptions]
+
+
 class Classes:
     """Classification trained on the current label set, on request or after each change of the set.
 
@@ -195,13 +203,15 @@ class Classes:
         self._opened, self._maps, self._labels = opened, maps, labels
         self._work, self._notices = work, notices
         self._options, self._live = ClassOptions(), False
-        #: Scores by predicted set; options of the last prediction by its label set.
+        #: By predicted set: its scores, and the label set and options of the training.
         self._known: WeakKeyDictionary[VertexMap, Learned] = WeakKeyDictionary()
-        self._learned: WeakKeyDictionary[VertexMap, ClassOptions] = WeakKeyDictionary()
-        #: Scores read from a session before the predicted maps are restored.
+        self._sources: WeakKeyDictionary[VertexMap, _Source] = WeakKeyDictionary()
+        #: Scores read from a session before the predicted maps are restored, and whether they were
+        #: out of date.
         self._awaiting: Learned | None = None
+        self._saved_outdated = False
         #: Labels and options of the last request.
-        self._requested: tuple[VertexMap, ClassOptions] | None = None
+        self._requested: _Source | None = None
         #: Label set for which training failed, and the reason.
         self._refused: tuple[VertexMap, str] | None = None
         for signal in (opened.spectrum_changed, labels.changed):
@@ -246,7 +256,17 @@ class Classes:
         """Scores of the prediction, or the reason why there is none, in one line."""
         if self._refused is not None and self._refused[0] is self._labels.current:
             return self._refused[1]
-        return "" if self.learned is None else self.learned.said
+        if self.learned is None:
+            return ""
+        return self.learned.said + (_OUTDATED if self.outdated else "")
+
+    @property
+    def outdated(self) -> bool:
+        """Whether the prediction was learned from other labels or options than the current ones."""
+        known, predicted = self._labels.current, self._labels.predicted
+        if predicted is None or known is predicted:
+            return False
+        return self._sources.get(predicted) != (known, self._options)
 
     @property
     def learned(self) -> Learned | None:
@@ -257,13 +277,15 @@ class Classes:
     def plain(self) -> dict[str, Any]:
         """Return options and scores as values for JSON."""
         learned = None if self.learned is None else self.learned.plain()
-        return {**self._options.plain(), "live": self._live, "learned": learned}
+        state = {"live": self._live, "outdated": self.outdated, "learned": learned}
+        return {**self._options.plain(), **state}
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Restore a result of `read_saved_classes`; missing entries get their defaults."""
         given = {name: saved[name] for name in ClassOptions.declared() if name in saved}
         self._options, self._live = ClassOptions(**given), saved.get("live", False)
         self._awaiting, self._refused = saved.get("learned"), None
+        self._saved_outdated = saved.get("outdated", False)
         self.changed.emit()
 
     def forget(self) -> None:
@@ -290,12 +312,12 @@ class Classes:
             return
         self._refused = self._awaiting = None
         if result.maps:
-            self._learned[job.labels] = job.options
             own, displayed = self._own, self._maps.displayed
             self._maps.exchange("" if job.live else "classes", own, result.maps)
             predicted = self._labels.predicted
             assert predicted is not None
             self._known[predicted] = result.learned
+            self._sources[predicted] = job.labels, job.options
             if not job.live and displayed not in self._own:
                 self._maps.show(predicted.name)
         else:
@@ -317,7 +339,7 @@ class Classes:
         """Request a live prediction, once for each change of labels or options."""
         self._recall()
         known = self._labels.current
-        if not self._live or known is None or self._learned.get(known) == self._options:
+        if not self._live or known is None or not (self._labels.predicted is None or self.outdated):
             return
         if self._requested != (known, self._options) and not self.missing:
             self._request(live=True)
@@ -329,7 +351,9 @@ class Classes:
             self._known[predicted] = learned
             for each in self._labels.sets:
                 if each.name == learned.labels:
-                    self._learned[each], self._awaiting = self._options, None
+                    self._awaiting = None
+                    if not self._saved_outdated:
+                        self._sources[predicted] = each, self._options
             self.changed.emit()
 
     def _request(self, *, live: bool) -> None:

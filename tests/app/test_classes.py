@@ -31,6 +31,7 @@ from meshmash_viewer.vertex_map import VertexMap
 LEFT = Qt.MouseButton.LeftButton
 PATIENCE = 60_000
 POINTS, AROUND = 90, 18
+OUTDATED = "The labels or the options have changed since: press Classify."
 MADE = ["class", "probability of label 1", "probability of label 2", "uncertainty"]
 
 
@@ -180,6 +181,7 @@ def test_painted_labels_become_classes_of_all(painted: MainWindow, qtbot: QtBot)
     rest(painted, qtbot)
     assert predicted(painted) is first
     assert note(painted).startswith("F1 on strokes left out")
+    assert note(painted).endswith(OUTDATED), "the first prediction had other options"
 
 
 def test_live_classes_follow_the_labels_through_undo(painted: MainWindow, qtbot: QtBot) -> None:
@@ -202,6 +204,11 @@ def test_live_classes_follow_the_labels_through_undo(painted: MainWindow, qtbot:
     paint(painted, qtbot, between(0, 9000), Qt.Key.Key_2)
     assert predicted(painted) is after
     assert not document.classes.live
+    assert note(painted).endswith(OUTDATED)
+    assert document.classes.plain()["outdated"]
+    history.undo()
+    rest(painted, qtbot)
+    assert not note(painted).endswith(OUTDATED), "the prediction is that of the labels again"
 
 
 def test_the_newest_request_wins_and_cancel_leaves_all(

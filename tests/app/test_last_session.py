@@ -498,6 +498,15 @@ def test_classes_are_there_with_choices_scores_and_importance(
     assert classes.learned is not None
     assert classes.learned == learned, "what is live is not learned again"
 
+    classes.live, classes.options = False, ClassOptions(("hks",))
+    window.opening.store_session(saved)
+    window.close()
+    window = open_window()
+    window.opening.restore_session(saved)
+    classes = window.document.classes
+    qtbot.waitUntil(lambda: classes.learned == learned, timeout=PATIENCE)
+    assert classes.outdated, "the prediction of another session had other options"
+
 
 @pytest.mark.slow
 def test_pins_and_maps_of_the_second_mesh_are_there_again(
