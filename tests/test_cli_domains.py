@@ -53,6 +53,7 @@ def test_several_meshes_are_condensed_and_one_fault_ends_nothing(
     said = capsys.readouterr()
     assert status == 2
     assert "C.ply: All components have fewer than 200 vertices" in said.err
+    assert "give a smaller threshold (--min-vertices, " in said.err
     assert {each.name for each in (here / "features").iterdir()} == {
         "A.npz", "B.npz", "header.txt",
     }  # fmt: skip
@@ -79,6 +80,7 @@ def test_it_is_the_same_again_and_says_what_is_missing(capsys: pytest.CaptureFix
     report = json.loads(said.out.splitlines()[0])
     assert report["truncation"]["flagged"] == ["hks_0", "hks_1", "hks_2", "hks_3", "hks_4"]
     assert "5 of 5 columns miss more than 1 %" in said.err.replace("\xa0", " ")
+    assert "give a larger max_eigenvalue (--max-eigenvalue)." in said.err
     assert Path("one.npz").read_bytes() == Path("two.npz").read_bytes()
     assert Path("header.txt").read_text().endswith("\tdistance_to_nucleus")
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
-from meshmash_viewer.units import whole_number
+from meshmash_viewer.units import counted, whole_number
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -40,9 +40,9 @@ def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
     above = spectrum[spectrum > ZERO_SHARE * spectrum.max(initial=0.0)]
     if not len(above):
         raise InputError(
-            "All eigenvalues are zero, one for each connected component, so times and "
-            "energies cannot be chosen from them: compute more pairs (max_eigenvalue is per "
-            "squared unit of the mesh), or give t_min and t_max."
+            f"All eigenvalues are zero: {counted(len(spectrum), 'pair')}, one for each component of"
+            " the mesh, so times and energies cannot be chosen from them. Compute more pairs"
+            " (--count, n_components=) or keep the largest component (--largest-component)."
         )
     return float(above.min())
 

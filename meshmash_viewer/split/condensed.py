@@ -103,7 +103,9 @@ class CondensedHKS(NamedTuple):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences, without full stops, on columns with errors above 1 %."""
-        return tuple(filter(None, (self.truncation.sentence(), _seam_sentence(self.seams))))
+        missing = self.truncation.sentence()
+        missing += ": give a larger max_eigenvalue (--max-eigenvalue)" if missing else ""
+        return tuple(filter(None, (missing, _seam_sentence(self.seams))))
 
 
 def _task_of(given: Mapping[str, Any]) -> PieceFeatures:

@@ -35,7 +35,8 @@ def decimated(
     if not (sizes >= least).any():
         raise InputError(
             f"All components have fewer than {least} vertices, the largest"
-            f" {counted(int(sizes.max()), 'vertex')}: give a smaller min_vertex_threshold."
+            f" {counted(int(sizes.max()), 'vertex')}:"
+            " give a smaller threshold (--min-vertices, min_vertex_threshold=)."
         )
     faces = mesh.faces[mesh.distinct_corners]
     mapping = np.full(mesh.n_vertices, -1, dtype=np.int64)
