@@ -185,7 +185,7 @@ class Comparison:
         if second is not None:
             matches = np.where(matches >= 0, second.file_indices[matches], -1)
         columns = matches, self.forth.scores, self.mutual
-        values = np.stack([np.asarray(each, dtype=np.float64) for each in columns], axis=1)
+        values = np.stack(columns, axis=1).astype(np.float64)
         names = (f"vertex_of_{second_name or 'second'}", "score", "mutual")
         return Features(values, names, kind="match")
 
@@ -198,10 +198,8 @@ class Comparison:
         """
         mine, others = self.features
         distances = np.linalg.norm(others - mine[vertex], axis=1).astype(np.float64)
-        ranked, match = distances.copy(), self.forth.indices[vertex]
-        if match >= 0:
-            ranked[match] = -1.0
-        found = distinct_matches(ranked, places, radius, count)
+        is_match = np.arange(len(others)) == self.forth.indices[vertex]
+        found = distinct_matches(np.where(is_match, -1.0, distances), places, radius, count)
         return tuple((int(each), float(distances[each])) for each in found)
 
 

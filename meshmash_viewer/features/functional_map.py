@@ -143,16 +143,17 @@ class FunctionalMap:
 
 
 @dataclass(frozen=True, eq=False)
-class _Shape:
-    """Eigenpairs of a shape scaled to an area of 1, at its vertices with mass."""
+class _Shape(Placed):
+    """Eigenpairs of a shape scaled to an area of 1, at its vertices with mass.
+
+    Faces are oriented outward; without a mesh, there are neither positions nor faces.
+    """
 
     eigenvalues: FloatArray
     functions: FloatArray
     mass: FloatArray
     vertices: IntArray
     n_vertices: int
-    #: Positions, and faces oriented outward; both are empty without a mesh.
-    placed: Placed
 
     @classmethod
     def of(cls, pairs: Eigenpairs, count: int, mesh: Mesh | None) -> _Shape:
@@ -172,14 +173,9 @@ class _Shape:
             corners = (positions - positions.mean(axis=0))[faces]
             if np.linalg.det(corners).sum() < -_SOLID * area**1.5 / np.sqrt(np.pi):
                 faces = faces[:, ::-1]
-        return cls(
-            pairs.eigenvalues[:count] * area,
-            np.ascontiguousarray(rows.T) * np.sqrt(area),
-            pairs.mass[used] / area,
-            used,
-            len(pairs.mass),
-            Placed(positions, faces, area),
-        )
+        functions = np.ascontiguousarray(rows.T) * np.sqrt(area)
+        scaled = pairs.eigenvalues[:count] * area, functions, pairs.mass[used] / area
+        return cls(positions, faces, area, *scaled, used, len(pairs.mass))
 
     def sampled(self) -> IntArray | slice:
         """Return up to 6,000 random vertices, with probabilities proportional to area."""
@@ -193,7 +189,7 @@ class _Shape:
 
     def orientation_operator(self, values: FloatArray, count: int) -> FloatArray:
         """Compute the matrix of g ↦ n · (∇ values × ∇g), divided by its norm, (count, count)."""
-        faces, functions = self.placed.faces, self.functions[:, :count]
+        faces, functions = self.faces, self.functions[:, :count]
         corners = values[faces]
         size = len(corners), len(functions)
         ends = np.arange(0, 3 * len(corners) + 1, 3)
@@ -359,8 +355,7 @@ def zoomout(
     near = _nearest(here[:, : len(matrix)] @ matrix, second_shape, cancel)[0]
 
     def as_copy(near: IntArray) -> tuple[FloatArray, IntArray, FloatArray] | None:
-        placed = first_shape.placed, second_shape.placed
-        return copied(*placed, some, near, start.mirrored) if meshes is not None else None
+        return copied(*whole, some, near, start.mirrored) if meshes is not None else None
 
     copy = as_copy(near)
     while copy is None and count < last:
@@ -390,8 +385,7 @@ def inverse_matches(
     """Find the nearest vertex of the first for each vertex of the second, with the same map."""
     shapes = _shapes_of(first, second, len(found.matrix), meshes)[::-1]
     if found.rigid is not None and meshes is not None:
-        placed = shapes[1].placed, shapes[0].placed
-        return _matches(*shapes, *nearest_by_position(found.rigid, *placed)[1])
+        return _matches(*shapes, *nearest_by_position(found.rigid, *shapes[::-1])[1])
     return _with_matches(found.matrix.T, *shapes, cancel=cancel).matches
 
 
@@ -455,13 +449,13 @@ def _nearest(
     candidates = np.ascontiguousarray(shape.functions[:, : points.shape[1]])
     near, distances = np.empty(len(points), dtype=np.int64), np.empty(len(points))
     tree = KDTree(candidates) if len(candidates) > _ALL else None
-    single, half = candidates.astype(np.float32), 0.5 * np.square(candidates).sum(axis=1)
-    half = half.astype(np.float32)
+    single = candidates.astype(np.float32)
+    half = 0.5 * np.square(candidates).sum(axis=1).astype(np.float32)
     for some in blocks(len(points), _AT_ONCE):
         check_cancelled(cancel)
         if tree is None:
             near[some] = np.argmax(points[some].astype(np.float32) @ single.T - half, axis=1)
-            distances[some] = np.linalg.norm(points[some] - candidates[near[some]], axis=1)
         else:
-            distances[some], near[some] = tree.query(points[some], workers=-1)
+            near[some] = tree.query(points[some], workers=-1)[1]
+        distances[some] = np.linalg.norm(points[some] - candidates[near[some]], axis=1)
     return near, distances
