@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -329,8 +329,7 @@ class ClassColumns:
 
     def plain(self) -> dict[str, Any]:
         """Return the parameters as JSON values."""
-        operator = {"robust": self.operator.robust, "mollify_factor": self.operator.mollify_factor}
-        return {**self.__dict__, "kinds": list(self.kinds), "operator": operator}
+        return {**asdict(self), "kinds": list(self.kinds)}
 
     @classmethod
     def from_plain(cls, entries: dict[str, Any]) -> Self:
