@@ -150,7 +150,7 @@ def test_a_bound_beyond_the_automatic_range_asks_for_the_other():
 
 def test_a_spectrum_of_zeros_has_no_scale():
     for nothing in (np.zeros(3), [], [-1e-20]):
-        with pytest.raises(InputError, match="All eigenvalues are zero: .*--largest-component"):
+        with pytest.raises(InputError, match=r"All eigenvalues are zero: .*--largest-component"):
             first_nonzero_eigenvalue(nothing)
         with pytest.raises(InputError, match="All eigenvalues are zero"):
             hks_times(nothing)
