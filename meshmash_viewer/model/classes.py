@@ -96,8 +96,12 @@ class Learned(Parameters):
 
 #: Validator of a result of `Classes.plain`.
 _SAVED = Record(
-    {**ClassOptions.entries().kinds, "live": Flag(), "outdated": Flag()}
-    | {"learned": Learned.from_plain}
+    {
+        **ClassOptions.entries().kinds,
+        "live": Flag(),
+        "outdated": Flag(),
+        "learned": Learned.from_plain,
+    }
 )
 
 
