@@ -387,14 +387,11 @@ class MeshView(PickableRender):
             self._set_view(view.zoomed(factor, x, y, width, height))
 
     def _hover(self) -> None:
-        inside, cloud, point = self.plotter.pointer, self.renderer.points, -1
-        if inside is None or self.plotter.dragging:
-            self._set_hovered(-1)
-        else:
-            self._set_hovered(self.pinned_or_at(inside.x(), inside.y()))
-            point = self.drawn_point_at(inside.x(), inside.y())
-        if cloud is not None and point >= 0:
-            point = int(cloud.rows[point])
+        at, vertex, point = self.plotter.pointer, -1, -1
+        if at is not None and not self.plotter.dragging:
+            vertex = self.pinned_or_at(at.x(), at.y())
+            point, _ = self.drawn_point_at(at.x(), at.y())
+        self._set_hovered(vertex)
         if point != self._hovered_point:
             self._hovered_point = point
             self.point_hovered.emit(point)

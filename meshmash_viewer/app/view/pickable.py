@@ -125,23 +125,22 @@ class PickableRender(QWidget):
         far = np.hypot(*(places[:, :2] - self.plotter.to_pixels(x, y)).T)
         return pins[int(far.argmin())].vertex if far.min() <= _NEAR * ratio else -1
 
-    def drawn_point_at(self, x: float, y: float) -> int:
-        """Return the index, in `PointCloud.rows`, of the visible point at a position, or -1."""
+    def drawn_point_at(self, x: float, y: float) -> tuple[int, int]:
+        """Return the row in the table and the vertex of the visible point at a position, or -1."""
         drawing, cloud = self.renderer, self.renderer.points
         if cloud is None or drawing.view is None or drawing.picker is None:
-            return -1
+            return -1, -1
         size = self.plotter.pixels()
         near = cloud.near(self.plotter.to_pixels(x, y), drawing.view, size, drawing.centre)
         at = self._first_visible(cloud.vertices[near])
-        return -1 if at < 0 else int(near[at])
+        return (-1, -1) if at < 0 else (int(cloud.rows[near[at]]), int(cloud.vertices[near[at]]))
 
     def pinned_or_at(self, x: float, y: float) -> int:
         """Return the vertex of the pin or point at a position, else the displayed vertex, or -1."""
-        pinned = self.pin_at(x, y)
-        if pinned >= 0:
-            return pinned
-        at, cloud = self.drawn_point_at(x, y), self.renderer.points
-        return self.vertex_at(x, y) if at < 0 or cloud is None else int(cloud.vertices[at])
+        vertex = self.pin_at(x, y)
+        if vertex < 0:
+            _, vertex = self.drawn_point_at(x, y)
+        return self.vertex_at(x, y) if vertex < 0 else vertex
 
     def vertex_near(self, x: float, y: float) -> int:
         """Return the vertex of the pin at a position, else the displayed vertex, else the nearest.

@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyvista
-import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
-from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.caption import PointLegend
 from meshmash_viewer.app.view.style import NAN_COLOR, color_table, rgb
-from meshmash_viewer.app.view.surface import Overlay
+from meshmash_viewer.app.view.surface import Overlay, overlay_actor
 from meshmash_viewer.features.points import ProjectedPoints
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.units import distinct_digits, format_number
@@ -99,15 +97,8 @@ class PointCloud(Overlay):
         self._make_actor()
 
     def _make_actor(self) -> None:
-        mapper = vtkPolyDataMapper()
-        mapper.SetInputData(self._data)
-        mapper.SetResolveCoincidentTopologyToPolygonOffset()
-        mapper.SetRelativeCoincidentTopologyPointOffsetParameter(_FRONT)
-        actor = vtkActor()
-        actor.SetMapper(mapper)
-        actor.PickableOff()
-        actor.GetProperty().SetRenderPointsAsSpheres(True)
-        self.actor, self._mappers = actor, [mapper]
+        self.actor = overlay_actor(self._data, _FRONT)
+        self._mappers = [self.actor.GetMapper()]
 
     def copy(self) -> PointCloud:
         other = object.__new__(PointCloud)

@@ -134,9 +134,6 @@ def set_style(properties: vtkTextProperty, size: float, color: str, bold: bool =
     properties.SetFontFile(font_file(bold))
     properties.SetFontSize(round(size))
     properties.SetColor(*rgb(color))
-    properties.BoldOff()
-    properties.ItalicOff()
-    properties.ShadowOff()
 
 
 @lru_cache(maxsize=1024)

@@ -435,9 +435,8 @@ class Marks(Overlay):
             look.SetPointSize(self._point * scale)
 
 
-def _drawn(data: vtkPolyData, layer: Layer) -> vtkActor:
-    """Return the actor of a layer."""
-    front = layer.front
+def overlay_actor(data: vtkPolyData, front: float) -> vtkActor:
+    """Return the actor of points, lines and faces, with an offset as in `Layer.front`."""
     mapper = vtkPolyDataMapper()
     mapper.SetInputData(data)
     mapper.SetResolveCoincidentTopologyToPolygonOffset()
@@ -447,11 +446,16 @@ def _drawn(data: vtkPolyData, layer: Layer) -> vtkActor:
     actor = vtkActor()
     actor.SetMapper(mapper)
     actor.PickableOff()
+    actor.GetProperty().SetRenderPointsAsSpheres(True)
+    return actor
+
+
+def _drawn(data: vtkPolyData, layer: Layer) -> vtkActor:
+    actor = overlay_actor(data, layer.front)
     look = actor.GetProperty()
     look.SetColor(*rgb(layer.color))
     look.SetOpacity(layer.opacity)
     look.LightingOff()
-    look.SetRenderPointsAsSpheres(True)
     return actor
 
 
