@@ -143,7 +143,8 @@ class ClassesJob:
         options, exact = self.options, self.pairs.exact
         exact = replace(exact, rows=exact.rows[: exact.n_components])  # without preview rows
         callbacks: Any = {"progress": channel.report, "cancel": channel.cancelled}
-        scored = not (self.live and options.smoothing)  # which takes too long for each stroke
+        # cross-validation with smoothing takes too long after each stroke
+        scored = not (self.live and options.smoothing)
         try:
             with heard_warnings() as heard:
                 columns = ClassColumns.chosen(

@@ -17,8 +17,8 @@ Index: TypeAlias = QModelIndex | QPersistentModelIndex
 class Table(QTableView):
     """Table without grid lines, in which F2 edits the name in the selected row.
 
-    Subclasses return the contents of the cells, and call ``setModel(self.rows)``, or a proxy of
-    this model, once they can.
+    Subclasses return the contents of the cells. Their constructors call ``setModel`` with `rows`,
+    or with a proxy model of it, after they have set the attributes that the cells need.
     """
 
     #: Column of names, which can be edited; -1 for none.
@@ -26,6 +26,7 @@ class Table(QTableView):
 
     def __init__(self, name: str, spoken: str, *, row_height: int = 26, role: str = "") -> None:
         super().__init__()
+        #: The model of the cells.
         self.rows = _Rows(self)
         theme.named(self, name, spoken, role=role)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
