@@ -102,6 +102,8 @@ def test_current_time_is_marked_and_what_needs_more_pairs_hatched(
     assert panel.missing_label.isVisible()
     display.change(HeatKernelSignature, time=3e6)
     assert 10 ** panel._marker.value() == pytest.approx(3e6)
+    display.change(HeatKernelSignature, time=3e4)
+    assert 10 ** panel._marker.value() == pytest.approx(3e4), "shorter than the shortest time"
 
 
 def test_a_click_puts_that_time_on_the_render(panel: ProfilePanel, document, qtbot) -> None:

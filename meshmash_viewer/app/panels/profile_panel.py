@@ -332,14 +332,15 @@ class ProfilePanel(PlotPanel):
         if self._profile is None:
             return
         at, missing = self._family.place(spectrum), self._profile.unresolved
-        self._marker.setBounds(self._profile.dots.places[[0, -1]].tolist())
+        first, last = self._profile.dots.places[[0, -1]].tolist()
+        self._marker.setBounds([min(first, at), max(last, at)])
         if not self._marker.moving:
             self._marker.setValue(at)
-            self._turn_page(at, float(self._profile.dots.places[-1]))
+            self._turn_page(at, last)
         self._missing.setVisible(missing is not None)
         n_pins = len(self._document.pins.placed)
-        first = f"First {MOST_SHOWN} of {n_pins} pins" if n_pins > MOST_SHOWN else ""
-        self.missing_label.setText(first if missing is None else "Hatched: misses over 1 %")
+        some = f"First {MOST_SHOWN} of {n_pins} pins" if n_pins > MOST_SHOWN else ""
+        self.missing_label.setText(some if missing is None else "Hatched: misses over 1 %")
         self.head.fit()
         if missing is not None:
             self._missing.setRegion(missing)
