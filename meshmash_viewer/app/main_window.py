@@ -356,10 +356,8 @@ class MainWindow(ScriptedWindow):
         state = self.document.work.job
         if state is None and self.document.solve.seconds_rate is not None:
             self.settings.seconds_rate = self.document.solve.seconds_rate
-        if state is not None and isinstance(state.job, ReadJob):
-            self.stage.welcome.set_loading(f"{state.job.label} …")
-        elif self.loaded:
-            self.stage.welcome.set_loading("")
+        job = None if state is None else state.job
+        self.stage.welcome.set_reading(f"{job.label} …" if isinstance(job, ReadJob) else "")
 
     def _refresh_actions(self) -> None:
         self.commands.refresh()

@@ -145,6 +145,7 @@ class Welcome(QScrollArea):
         )
         self._recent = column(spacing=0)
         self._links: list[tuple[QPushButton, str]] = []
+        self._loading = self._reading = ""
         self.loading_label = make.label(
             "loading_label", "Loading step", role="muted", alignment=middle
         )
@@ -190,9 +191,15 @@ class Welcome(QScrollArea):
         self._fit()
 
     def set_loading(self, text: str) -> None:
-        """Show the description of a loading step; "" hides the label."""
-        self.loading_label.setText(text)
-        self.loading_label.setVisible(bool(text))
+        """Show the state of the libraries, unless a mesh is being read; "" for loaded ones."""
+        self._loading = text
+        self.set_reading(self._reading)
+
+    def set_reading(self, text: str) -> None:
+        """Show which mesh is being read; "" for none."""
+        self._reading = text
+        self.loading_label.setText(text or self._loading)
+        self.loading_label.setVisible(bool(text or self._loading))
 
     def _refresh(self) -> None:
         self._icon.setPixmap(theme.pixmap("mesh", theme.palette().accent, 44))

@@ -50,6 +50,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display, Shape
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.notices import Notice, Severity
+from meshmash_viewer.samples import sample_path
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, weyl_eigenvalue
 from meshmash_viewer.units import power_unit
 
@@ -198,8 +199,16 @@ def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot) -> None:
     with qtbot.waitExposed(window):
         window.show()
     assert not window.loaded
-    assert window.stage.welcome.isVisible()
+    welcome = window.stage.welcome
+    assert welcome.isVisible()
+    welcome.set_loading("Loading the render …")
+    window.open_mesh(sample_path("sphere"))
+    assert welcome.loading_label.text() == "Reading sphere.npz …"
+    qtbot.waitUntil(lambda: window.document.work.job is None, timeout=PATIENCE)
+    assert window.document.mesh is not None
+    assert welcome.loading_label.text() == "Loading the render …", "the mesh has been read"
     window.load()
+    assert not welcome.loading_label.text()
     assert window.loaded
     assert window.findChild(QWidget, "scene") is window.scene
     window.close()
