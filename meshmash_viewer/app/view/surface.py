@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pyvista
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
@@ -403,15 +404,14 @@ class Marks(Overlay):
         self.parts, self._layers = parts, layers
         self._vertices, numbers = np.unique(parts, return_inverse=True)
         numbers = numbers.reshape(parts.shape)
-        self._data = vtkPolyData()
-        self._data.SetPoints(vtkPoints())
-        if layers is not BORDERS:
-            self._data.SetVerts(_cells(np.arange(len(self._vertices))[:, np.newaxis]))
+        self._data = pyvista.PolyData(np.zeros((len(self._vertices), 3), dtype=np.float32))
+        if layers is BORDERS:
+            self._data.verts = np.zeros(0, dtype=np.int64)
         if parts.shape[1] == 2:
-            self._data.SetLines(_cells(numbers))
+            self._data.lines = _padded(numbers)
         elif parts.shape[1] == 3:
-            self._data.SetPolys(_cells(numbers))
-            self._data.SetLines(_cells(numbers[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)))
+            self._data.faces = _padded(numbers)
+            self._data.lines = _padded(numbers[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
         corner = _NODE if layers is GRAPH else _CORNER
         self._point = _POINT if parts.shape[1] == 1 else corner
         self.actor = vtkAssembly()
@@ -426,8 +426,7 @@ class Marks(Overlay):
         return Marks(self.parts, self._layers)
 
     def move(self, drawn: npt.NDArray[np.float32]) -> None:
-        self._data.GetPoints().SetData(numpy_to_vtk(drawn[self._vertices], deep=True))
-        self._data.Modified()
+        self._data.points = drawn[self._vertices]
 
     def set_scale(self, scale: float) -> None:
         for look, layer in zip(self._looks, self._layers, strict=True):
@@ -459,8 +458,6 @@ def _drawn(data: vtkPolyData, layer: Layer) -> vtkActor:
     return actor
 
 
-def _cells(vertices: npt.NDArray[np.integer]) -> vtkCellArray:
-    cells = vtkCellArray()
-    flat = numpy_to_vtk(np.ascontiguousarray(vertices, dtype=np.int32).ravel(), deep=True)
-    cells.SetData(vertices.shape[1], flat)
-    return cells
+def _padded(cells: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
+    """Return cells of k vertices, shape (n, k), as pyvista stores them: k before each cell."""
+    return np.insert(cells, 0, cells.shape[1], axis=1).ravel()
