@@ -36,11 +36,11 @@ _EMPTY = "Press Classify for classes, their scores, and the importance of each c
 _HEIGHT = 150
 #: By kind of columns: its name, its name in the legend, the name of one column, and the power of
 #: length of the quantity in which the time of the column is written.
-_KINDS = {
-    "hks": ("HKS", "HKS", "HKS at", 2),
-    "wks": ("WKS", "WKS (λ = 1/t)", "WKS at", -2),
-    "curvature": ("Curvature", "Curvature (l = √t)", "over", 1),
-}
+_KINDS = dict(zip(KINDS, (
+    ("HKS", "HKS", "HKS at", 2),
+    ("WKS", "WKS (λ = 1/t)", "WKS at", -2),
+    ("Curvature", "Curvature (l = √t)", "over", 1),
+), strict=True))  # fmt: skip
 #: Number of most important columns in the legend.
 _NAMED = 3
 
