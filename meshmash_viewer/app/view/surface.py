@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pyvista
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
@@ -401,6 +400,8 @@ class Marks(Overlay):
     """
 
     def __init__(self, parts: IntArray, layers: tuple[Layer, ...] = FAULTS) -> None:
+        import pyvista  # slow to import, and not needed by pictures without marks
+
         self.parts, self._layers = parts, layers
         self._vertices, numbers = np.unique(parts, return_inverse=True)
         numbers = numbers.reshape(parts.shape)
