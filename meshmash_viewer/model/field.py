@@ -50,8 +50,6 @@ class FieldRequest:
     family: Family
     #: Vertices from which limits are computed; not compared.
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
-    #: Coordinates of the mesh for `same_mesh`, shape (n, 3); not compared.
-    places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
     #: Mask of hidden vertices, which do not influence limits, shape (n,); not compared.
     hidden: npt.NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)
     #: Identity of `hidden`, compared in place of the array; 0 for None.
@@ -76,7 +74,10 @@ class FieldRequest:
 
     def same_mesh(self, other: FieldRequest) -> bool:
         """Return whether two requests have the same coordinates; units may differ."""
-        return self.places is other.places
+        mine, their = self.spectrum.mesh, other.spectrum.mesh
+        if mine is None or their is None:
+            return mine is their
+        return mine.vertices is their.vertices
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,33 +308,20 @@ class LiveFeatures:
     """
 
     def __init__(self) -> None:
-        # tables are replaced as a whole, so that reading one needs no lock
-        self._tables: dict[str, Table] = {}
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the arrays in the tables."""
-        contents = [table.content for table in self._tables.values()]
-        parts = [
-            part for each in contents for part in getattr(each, "__dict__", {"": each}).values()
-        ]
-        return sum(part.nbytes for part in parts if isinstance(part, np.ndarray))
-
-    def table(self, name: str) -> Table | None:
-        """Return the table of a family, or None."""
-        return self._tables.get(name)
+        #: Tables by family, replaced as a whole, so that reading one needs no lock.
+        self.tables: dict[str, Table] = {}
 
     def forget(self) -> None:
         """Drop all tables, as when another mesh is opened."""
-        self._tables = {}
+        self.tables = {}
 
     def compute(self, asked: FieldRequest) -> Answer | None:
         """Return the values of a field; None if they need a table that is not built yet."""
-        return asked.family.compute(asked.spectrum, self._tables.get(asked.family.name))
+        return asked.family.compute(asked.spectrum, self.tables.get(asked.family.name))
 
     def prepared(self, asked: FieldRequest) -> bool:
         """Return whether the table for a request exists or none is needed."""
-        return asked.family.prepared(asked.spectrum, self._tables.get(asked.family.name))
+        return asked.family.prepared(asked.spectrum, self.tables.get(asked.family.name))
 
     def prepare(self, asked: FieldRequest, cancel: CancelCallback | None = None) -> None:
         """Build the table for the family of a request, unless the table exists.
@@ -342,7 +330,7 @@ class LiveFeatures:
         never incomplete.
         """
         family, spectrum = asked.family, asked.spectrum
-        tables = self._tables  # `forget` replaces the dictionary for another mesh
+        tables = self.tables  # `forget` replaces the dictionary for another mesh
         table = tables.get(family.name)
         if family.prepared(spectrum, table):
             return
@@ -383,7 +371,6 @@ def request_of(document: Document) -> FieldRequest | None:
         ready.mesh.unit,
         chosen.resolved(spectrum, display.fields),
         sample=ready.sample,
-        places=spectrum.mesh.vertices,
         hidden=document.hidden,
         hides=0 if document.hidden is None else id(document.hidden),
         pin="" if pin is None else pin.name,

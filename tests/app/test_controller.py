@@ -113,8 +113,8 @@ def test_table_is_built_behind_a_first_answer(
     ):
         document.display.kind = "hks"
     qtbot.waitUntil(lambda: source.idle)
-    assert source.live.table("hks") is not None
-    assert source.live.table("hks").spectrum is document.spectrum
+    assert source.live.tables.get("hks") is not None
+    assert source.live.tables.get("hks").spectrum is document.spectrum
 
 
 def test_similarity_comes_as_soon_as_it_can(
@@ -171,10 +171,10 @@ def test_another_mesh_takes_field_and_tables_away(
 ) -> None:
     show(document, rectangle)
     document.display.kind = "hks"
-    qtbot.waitUntil(lambda: source.idle and source.live.table("hks") is not None)
+    qtbot.waitUntil(lambda: source.idle and source.live.tables.get("hks") is not None)
     document.accept_mesh(MeshReady(sphere, mesh_health(sphere), sphere.vertex_normals))
     assert source.field is None
-    assert source.live.nbytes == 0
+    assert not source.live.tables
     document.accept_spectrum(spectrum_of(sphere, 20))
     qtbot.waitUntil(lambda: source.idle and source.field is not None)
     assert len(source.field.values) == sphere.n_vertices

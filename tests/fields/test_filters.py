@@ -95,7 +95,7 @@ def test_a_large_mesh_is_near_while_it_moves_and_right_where_it_rests(
         assert found is not None
         assert not found.draft
         np.testing.assert_allclose(found.values, wanted, rtol=1e-6)
-        table = live.table("filter")
+        table = live.tables.get("filter")
         assert table is not None
         assert columns is None or table.content.columns is columns, "it is built once"
         columns = table.content.columns

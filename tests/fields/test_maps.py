@@ -213,8 +213,8 @@ def test_a_filter_is_near_while_it_moves_over_a_large_mesh_and_right_where_it_re
         found = live.compute(asked)
         assert not found.draft
         np.testing.assert_allclose(found.values, wanted, rtol=1e-5, atol=1e-6)
-        assert near is None or live.table("map").content.near is near, "it is built once"
-        near = live.table("map").content.near
+        assert near is None or live.tables["map"].content.near is near, "it is built once"
+        near = live.tables["map"].content.near
 
 
 def test_mean_is_that_of_the_surface(rectangle: Mesh) -> None:

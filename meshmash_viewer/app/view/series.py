@@ -55,7 +55,7 @@ def shots_of(
     return [
         Shot(
             FieldRequest(
-                spectrum, mesh.unit, each, sample, mesh.vertices, hidden,
+                spectrum, mesh.unit, each, sample, hidden,
                 pin=(names or {}).get(getattr(each, "vertex", -1), ""),
             )
         )

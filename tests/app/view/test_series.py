@@ -42,7 +42,7 @@ def eigenfunctions(mesh: Mesh, columns: range) -> list[Shot]:
     spectrum = rectangle_spectrum(mesh, 40)
     family = FAMILIES["eigenfunction"]()
     found = sweep(family.resolved(spectrum, {}), spectrum, columns)
-    return [Shot(FieldRequest(spectrum, "nm", each, places=mesh.vertices)) for each in found]
+    return [Shot(FieldRequest(spectrum, "nm", each)) for each in found]
 
 
 def drawing_of(mesh: Mesh) -> MeshRenderer:
