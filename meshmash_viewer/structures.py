@@ -72,8 +72,8 @@ _BRAIN_WORDS = frozenset(
 def brain_side(structure: str, name: str) -> str | None:
     """Return the side of a brain surface, "left", "right", or "" for both; None for other meshes.
 
-    `structure` is one of `STRUCTURES`, or "" if unknown. In the `name` of the file "lh" and "rh"
-    denote a hemisphere, and so do "left", "right", "L" and "R" next to a word such as "pial".
+    `structure` is one of `STRUCTURES`, or "" if unknown. In the `name` of the file, "lh" and "rh"
+    denote a hemisphere; "left", "right", "L" and "R" do so next to a word such as "pial".
 
     Examples
     --------

@@ -148,7 +148,7 @@ class Session(Parameters):
     target: dict[str, Any] = parameter(dict, _Target())
     #: The displayed field with its limits and colours, in the form written by the window's model.
     display: dict[str, Any] = parameter(dict, Record({}))
-    #: Settings of the classes, and the state of their prediction, likewise.
+    #: Settings of the classes and the state of their prediction, in the form of the model.
     classes: dict[str, Any] = parameter(dict, Record({}))
     #: Pinned vertices, by their index in the mesh file, and the numbers of their pins.
     pins: list[int] = parameter(list, Listing(Whole(), 10_000, different=True))
@@ -160,7 +160,7 @@ class Session(Parameters):
     selection: str = parameter("", _MASK)
     #: Hidden vertices of the mesh file, as a text of `packed_mask`.
     hidden: str = parameter("", _MASK)
-    #: Vertices of the part on which eigenpairs are computed, likewise; "" for all vertices.
+    #: Vertices on which eigenpairs are computed, as a text of `packed_mask`; "" for all vertices.
     part: str = parameter("", _MASK)
     #: Result of `PointSet.plain`, with a path that is relative like `mesh_path`.
     points: dict[str, Any] = parameter(dict, _POINTS)

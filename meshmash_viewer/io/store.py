@@ -1,7 +1,7 @@
 """Stores of eigenpairs on the disk, which one process writes and other processes read.
 
 A store is a folder named by a hash of its mesh and operator. It has two data files. The first
-contains the eigenvectors, contiguous rows of float64 without a header, for mapping as one array.
+contains the eigenvectors, contiguous rows of float64 without a header, so that they can be mapped.
 The second (see `meshmash_viewer.io.cache`) contains the eigenvalues, residuals and checksums of the
 published rows. It is replaced atomically after new rows have been flushed to the disk, and
 published rows are not written again. Published pairs therefore survive a kill, a power failure and

@@ -79,8 +79,8 @@ def write_features(
     }
     table = FeatureTable(features.values, features.columns, mesh, values, archive=archive)
     # options given by the caller take precedence
-    said = {"kind": features.kind, "values_unit": features.unit, **features.meta}
-    write_table(path, "features", table, said, meta)
+    options = {"kind": features.kind, "values_unit": features.unit, **features.meta}
+    write_table(path, "features", table, options, meta)
 
 
 def write_eigenpairs(
@@ -110,8 +110,8 @@ def write_eigenpairs(
         decomposition.eigenvectors, names, mesh, decomposition.eigenvalues,
         archive=archive, extra=extra,
     )  # fmt: skip
-    said = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
-    write_table(path, "eigenpairs", table, said, meta)
+    options = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
+    write_table(path, "eigenpairs", table, options, meta)
 
 
 def write_map_spectrum(
@@ -144,8 +144,8 @@ def write_map_spectrum(
         np.column_stack(list(columns.values())), tuple(columns), mesh, spectrum.eigenvalues,
         archive={"pair": counts, **columns}, index="pair",
     )  # fmt: skip
-    said = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
-    write_table(path, "coefficients", table, said, meta)
+    options = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
+    write_table(path, "coefficients", table, options, meta)
 
 
 def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:
@@ -191,26 +191,25 @@ def write_table(
     path: str | Path,
     kind: str,
     table: FeatureTable,
-    said: dict[str, Any],
+    options: dict[str, Any],
     meta: dict[str, Any] | None,
 ) -> None:
     """Write a table and its provenance, to a second file for formats without metadata.
 
-    The second file has the checksum of the table, as two files cannot be replaced at once. `said`
-    are options of the result; options in `meta`, which may also be a provenance, take precedence.
+    The second file has the checksum of the table, as two files cannot be replaced at once. The
+    `options` describe the result; options in `meta`, which may be a provenance, take precedence.
     """
     path, given = Path(path), meta or {}
-    made = dict(given)
-    if not {"program", "mesh", "options"} <= given.keys():
-        made = provenance(table.mesh, given)
-    made["options"] = {**said, **made["options"]}
+    is_provenance = {"program", "mesh", "options"} <= given.keys()
+    about = dict(given) if is_provenance else provenance(table.mesh, given)
+    about["options"] = {**options, **about["options"]}
     if kind in ("features", "labels"):
-        made["columns"] = list(table.columns)
+        about["columns"] = list(table.columns)
     if table.labels:
-        made["labels"] = [[each.key, each.name, each.color] for each in table.labels]
+        about["labels"] = [[each.key, each.name, each.color] for each in table.labels]
     if table.repaired and path.name.lower().endswith(WITHOUT_INDEX):
-        made["rows"] = _ranges(table.rows)
-    table = replace(table, meta=json.dumps(made, separators=(",", ":")))
+        about["rows"] = _ranges(table.rows)
+    table = replace(table, meta=json.dumps(about, separators=(",", ":")))
     writer = writer_of(kind, path)
     with writing_errors(path):
         if path.suffix.lower() not in WITHOUT_PROVENANCE:
@@ -220,8 +219,8 @@ def write_table(
         with written_together(path, path.with_name(path.name + ".json")) as (part, note):
             writer(part, table)
             with part.open("rb") as file:
-                made["table_sha256"] = hashlib.file_digest(file, "sha256").hexdigest()
-            note.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+                about["table_sha256"] = hashlib.file_digest(file, "sha256").hexdigest()
+            note.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
 
 
 def _ranges(indices: npt.NDArray[np.int64]) -> list[list[int]]:

@@ -47,12 +47,12 @@ def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None 
     columns = {**table.columns, "unit": np.full(len(table), table.mesh.unit)}
     nothing = np.empty((len(table), 0))
     made = FeatureTable(nothing, (), table.mesh, np.empty(0), archive=columns, index="region")
-    said = {
+    options = {
         "kind": "regions",
         "units": {name: table.unit_of(name) for name in table.columns},
         "remarks": list(table.remarks),
     }
-    write_table(path, "regions", made, said, meta)
+    write_table(path, "regions", made, options, meta)
 
 
 def write_labels(
@@ -118,8 +118,8 @@ def write_labels(
         numbers[:, np.newaxis], (known.name,), surface, np.empty(0),
         archive=archive, labels=known.labels, index=index,
     )  # fmt: skip
-    said = {"kind": "labels", "unlabelled": known.no_label}
-    write_table(path, "labels", table, said, meta)
+    options = {"kind": "labels", "unlabelled": known.no_label}
+    write_table(path, "labels", table, options, meta)
 
 
 def _check_labels(known: VertexMap) -> None:

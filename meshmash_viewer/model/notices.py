@@ -123,7 +123,7 @@ def failure_of(fault: BaseException, doing: str = "") -> Failure:
         return Failure(text, details, correctable=True)
     named = f"{type(fault).__name__}: {printable(fault, _WORDS)}".rstrip(": ")
     what = f"{doing} failed by a defect of the program" if doing else "A defect of the program"
-    remedy = "" if doing else "; what is open stays as it is, and the details can be copied"
+    remedy = "" if doing else "; the open meshes are unchanged, and the details can be copied"
     return Failure(f"{what} ({named}){remedy}.", details)
 
 

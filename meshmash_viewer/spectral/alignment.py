@@ -1,8 +1,8 @@
 """Alignment of exact eigenfunctions with approximate eigenfunctions shown before.
 
 The sign of an eigenfunction is arbitrary, and so are orthogonal combinations within a multiplet.
-When exact pairs replace a preview, signs and combinations are chosen such that the render changes
-least. Files contain the solver's choice; features do not depend on it.
+When exact pairs replace a preview, the signs and combinations that change the render least are
+chosen. Files contain the solver's choice; features do not depend on it.
 """
 
 from __future__ import annotations

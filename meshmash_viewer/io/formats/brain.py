@@ -300,9 +300,9 @@ def read_gifti(path: Path) -> RawMesh:
         raise InputError(f"has arrays of shapes {vertices.shape} and {faces.shape}")
     if faces.dtype.kind not in "iu":
         raise InputError("has triangles whose vertex indices are no whole numbers")
-    said = _said(image)
+    meta = _provenance(image)
     vertices = np.asarray(vertices, dtype=np.float64)
-    stated = stated_mesh(said)[0]  # unit before an export in mm
+    stated = stated_mesh(meta)[0]  # unit before an export in mm
     unit, remark = _unit(vertices) if stated is None else ("mm" if stated else "", "")
     return RawMesh(
         vertices,
@@ -310,12 +310,12 @@ def read_gifti(path: Path) -> RawMesh:
         unit,
         tuple(_gifti_maps(image))[:MOST_MAPS],
         structure=_structure(points[0]) or _structure(image),
-        meta=said,
+        meta=meta,
         unit_remark=remark,
     )
 
 
-def _said(image: Any) -> str:
+def _provenance(image: Any) -> str:
     return str(dict(image.meta or {}).get("meshmash-viewer", ""))
 
 
@@ -327,7 +327,7 @@ def gifti_maps(path: Path) -> RawMesh:
     """Read the arrays of a GIFTI file with one number per vertex, and the table of labels."""
     image = _gifti(path)
     found = _gifti_maps(image, path.name)
-    return maps_alone(found, meta=_said(image), structure=_structure(image))
+    return maps_alone(found, meta=_provenance(image), structure=_structure(image))
 
 
 def _gifti(path: Path) -> Any:

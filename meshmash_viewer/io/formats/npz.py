@@ -53,7 +53,7 @@ def read_npz(path: Path) -> RawMesh:
         # PyTorch Geometric has an array face of shape (3, m)
         if (transposed or names[1] == "face") and faces.ndim == 2 and len(faces) == 3:
             faces = faces.T
-        said = _said(archive)
+        meta = _provenance(archive)
         maps = tuple(_maps(archive, len(vertices)))[:MOST_MAPS]
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
@@ -61,8 +61,8 @@ def read_npz(path: Path) -> RawMesh:
         raise InputError(f"has faces of {faces.dtype} numbers, not whole ones")
     vertices = vertices.astype(np.float64)
     triangles = triangulate(vertices, *_polygons(faces.astype(np.int64), len(vertices)))
-    unit, structure = stated_mesh(said)
-    return RawMesh(vertices, triangles, unit, maps, structure=structure, meta=said)
+    unit, structure = stated_mesh(meta)
+    return RawMesh(vertices, triangles, unit, maps, structure=structure, meta=meta)
 
 
 def _mesh_names(names: Iterable[str]) -> tuple[str, ...]:
@@ -141,11 +141,11 @@ def npy_maps(path: Path) -> RawMesh:
     count = values.shape[1]
     if count > MOST_MAPS:
         raise InputError(f"has {count:,} columns, of which {MOST_MAPS} can be taken at most")
-    said = second_file(path)
-    names = stated_columns(said)
+    meta = second_file(path)
+    names = stated_columns(meta)
     if len(names) != count:
         names = [f"column {at}" for at in range(count)]
-    return maps_alone(maps_of_columns(values, names), meta=said)
+    return maps_alone(maps_of_columns(values, names), meta=meta)
 
 
 def npz_maps(path: Path) -> RawMesh:
@@ -160,11 +160,11 @@ def npz_maps(path: Path) -> RawMesh:
                 "holds a graph of domains, which View › Graph of labels draws once the features of"
                 " these domains (X and labels) are open"
             )
-        maps, said = tuple(_maps(archive)), _said(archive)
+        maps, meta = tuple(_maps(archive)), _provenance(archive)
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
         raise InputError(f"holds {names}, of which none has one number per vertex")
-    return maps_alone(maps, meta=said)
+    return maps_alone(maps, meta=meta)
 
 
 def _of_domains(path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]) -> Iterator[RawMap]:
@@ -176,7 +176,7 @@ def _of_domains(path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]) 
         yield RawMap(name, np.where(labels < 0, np.nan, column[labels + 1]))
 
 
-def _said(archive: Any) -> str:
+def _provenance(archive: Any) -> str:
     """Return the provenance text in exports of this program; "" for other archives."""
     try:
         return str(_array(archive, "meta"))

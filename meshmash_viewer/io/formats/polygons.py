@@ -326,7 +326,7 @@ def read_ply(path: Path) -> RawMesh:
     data = unmarked(path.read_bytes())
     is_text, elements, start = _ply_parse_header(data)
     columns_of_each = (_text_body if is_text else _binary_body)(elements, data, start)
-    said = stated_comment(_ply_comments(data[:start]))
+    meta = stated_comment(_ply_comments(data[:start]))
     columns_of: dict[str, list[Columns]] = {}
     for element, columns in zip(elements, columns_of_each, strict=True):
         if element.name == "vertex" or element.count:
@@ -341,8 +341,8 @@ def read_ply(path: Path) -> RawMesh:
     if any(axis is None or isinstance(axis, tuple) for axis in axes):
         raise InputError("has vertices without x, y and z")
     vertices = np.column_stack(axes).astype(np.float64)  # type: ignore[arg-type]
-    names = names_of_properties(said)
-    labels = stated_labels(said)
+    names = names_of_properties(meta)
+    labels = stated_labels(meta)
     maps = [
         RawMap(names.get(name, name), values, labels * (name in names), keep_unused=True)
         for name, values in of_vertex.items()
@@ -352,9 +352,9 @@ def read_ply(path: Path) -> RawMesh:
     for each in columns_of.get("tristrips", []):
         faces.append(strip_triangles(*_without_breaks(*_ply_corners(each))))
     triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
-    unit, structure = stated_mesh(said)
+    unit, structure = stated_mesh(meta)
     found = tuple(maps[:MOST_MAPS])
-    return RawMesh(vertices, triangles, unit, found, structure=structure, meta=said)
+    return RawMesh(vertices, triangles, unit, found, structure=structure, meta=meta)
 
 
 def _text_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:

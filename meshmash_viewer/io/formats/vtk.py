@@ -140,10 +140,10 @@ def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None
         raise InputError("holds no vertices")
     vertices, triangles = polydata_triangles(output)
     field = output.GetFieldData().GetAbstractArray("meshmash-viewer")
-    said = str(field.GetValue(0)) if field is not None and field.GetNumberOfValues() else ""
+    meta = str(field.GetValue(0)) if field is not None and field.GetNumberOfValues() else ""
     maps, remarks = _maps(output, colors or {})
-    unit, structure = stated_mesh(said)
-    return RawMesh(vertices, triangles, unit, maps, remarks, structure, said)
+    unit, structure = stated_mesh(meta)
+    return RawMesh(vertices, triangles, unit, maps, remarks, structure, meta)
 
 
 def _maps(
@@ -169,8 +169,8 @@ def _maps(
     cells = output.GetCellData()
     named = [cells.GetArrayName(at) or "" for at in range(cells.GetNumberOfArrays())]
     others += [f"values of its faces {printable(each, 60)!r}" for each in named]
-    said = f"has {', '.join(others)}, which are no maps and are left out"
-    return tuple(maps[:MOST_MAPS]), (said,) if others else ()
+    remark = f"has {', '.join(others)}, which are no maps and are left out"
+    return tuple(maps[:MOST_MAPS]), (remark,) if others else ()
 
 
 def _no_map(data: Any, array: Any) -> str:
