@@ -452,6 +452,20 @@ def test_regions_are_measured_looked_at_and_exported(
     document.history.undo()
     catch_up()
     assert part(labelled, "region_hint").isHidden()
+    # counts of points that come while the set is undone keep the colours of its labels
+
+    def colors() -> list[str]:
+        icons = [model.index(row, 0).data(Qt.ItemDataRole.DecorationRole) for row in range(2)]
+        return [icon.pixmap(12).toImage().pixelColor(6, 6).name() for icon in icons]
+
+    before, measured = colors(), document.labels.measured
+    assert "#808080" not in before
+    while document.history.past:
+        document.history.undo()
+    counted = measured.with_points(mv.project_points(MESH, MESH.vertices[:5]))
+    document.labels.accept_counts(measured, counted)
+    catch_up()
+    assert colors() == before
 
 
 @pytest.mark.parametrize("name", ["a.label.gii", "a.annot", "a.label", "a.csv", "a.npz", "a.ply"])

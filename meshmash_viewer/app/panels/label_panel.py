@@ -286,7 +286,8 @@ class LabelPanel(QWidget):
 
     def _refresh_regions(self, known: VertexMap | None) -> None:
         labels, there = self._document.labels, self._document.labels.regions is not None
-        self.regions.show_regions(labels.regions, self.table.labels)
+        measured = labels.regions_of.labels if labels.regions_of is not None else ()
+        self.regions.show_regions(labels.regions, measured)
         self.regions.setVisible(there)
         self.export_button.setEnabled(there)
         text = ""
