@@ -15,7 +15,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
-from scipy.ndimage import value_indices
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from meshmash_viewer.arrays import FloatArray, IntArray
@@ -92,6 +91,8 @@ def overlapping_pieces(
     `labels` are the connected components of vertices, -1 for vertices in no piece. Components that
     fit are not cut; small components share a piece. Vertices of a piece are sorted.
     """
+    from scipy.ndimage import value_indices
+
     degrees = np.diff(graph.indptr)
     if whole and degrees.max(initial=0) + 1 > size:
         vertex = int(degrees.argmax())

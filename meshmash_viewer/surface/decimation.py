@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import value_indices
 
 from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
 from meshmash_viewer.errors import InputError
@@ -27,6 +26,8 @@ def decimated(
     `mesh`, shape (n,), -1 if left out. `InputError` is raised if `reduction` is not in [0, 1), or
     all components are left out.
     """
+    from scipy.ndimage import value_indices
+
     if not 0.0 <= reduction < 1.0:
         raise InputError(
             f"The share of faces to remove is {reduction:g}: give one from 0 to below 1."
