@@ -6,9 +6,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.caption import PointLegend
@@ -86,19 +83,19 @@ class PointCloud(Overlay):
         legend: PointLegend | None,
         size: float,
     ) -> None:
+        import pyvista  # slow to import, and not needed by pictures without points
+
         #: Rows of the table, and vertices, of the drawn points.
         self.rows = np.flatnonzero(found.near)
         self.vertices = found.vertices[self.rows]
         self.legend, self.size = legend, size
         self._away = (found.positions[self.rows] - found.mesh.vertices[self.vertices]).astype("f4")
         self._visible = np.arange(len(self.rows))
-        self._places = np.zeros((0, 3), dtype=np.float32)
-        self._pixels: tuple[Any, npt.NDArray[Any]] = (None, self._places)
-        self._data = vtkPolyData()
-        self._data.SetPoints(vtkPoints())
-        self._data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colors), deep=True))
+        #: View and size of a window, and the positions of the points in it in pixels.
+        self._pixels: tuple[Any, npt.NDArray[Any]] = (None, np.zeros((0, 3)))
+        self._data = pyvista.PolyData(np.zeros(self._away.shape, dtype=np.float32))
+        self._data["colors"] = colors
         self._make_actor()
-        self.hide(None)
 
     def _make_actor(self) -> None:
         self.actor = overlay_actor(self._data, _FRONT)
@@ -111,18 +108,13 @@ class PointCloud(Overlay):
         return other
 
     def move(self, drawn: npt.NDArray[np.float32]) -> None:
-        self._places = np.ascontiguousarray(drawn[self.vertices] + self._away)
-        self._data.GetPoints().SetData(numpy_to_vtk(self._places, deep=True))
-        self._data.Modified()
-        self._pixels = None, self._places
+        self._data.points = drawn[self.vertices] + self._away
+        self._pixels = None, self._pixels[1]
 
     def hide(self, hidden: npt.NDArray[np.bool_] | None) -> None:
         shown = np.ones(len(self.rows), dtype=bool) if hidden is None else ~hidden[self.vertices]
         self._visible = np.flatnonzero(shown)
-        cells = vtkCellArray()
-        cells.SetData(1, numpy_to_vtk(self._visible.astype(np.int32), deep=True))
-        self._data.SetVerts(cells)
-        self._data.Modified()
+        self._data.verts = np.insert(self._visible[:, None], 0, 1, axis=1).ravel()
 
     def set_scale(self, scale: float) -> None:
         self.actor.GetProperty().SetPointSize(self.size * scale)
@@ -132,7 +124,7 @@ class PointCloud(Overlay):
     ) -> npt.NDArray[np.int64]:
         """Return the indices of the drawn points at a position in pixels, nearest first."""
         if self._pixels[0] != (view, size):
-            self._pixels = (view, size), view.to_pixels(self._places + centre, *size[:2])
+            self._pixels = (view, size), view.to_pixels(self._data.points + centre, *size[:2])
         away = np.hypot(*(self._pixels[1][:, :2] - pixel).T)[self._visible]
         found = np.flatnonzero(away <= max(self.size / 2.0, _NEAR) * size[2])
         return np.asarray(self._visible[found[away[found].argsort()]])
