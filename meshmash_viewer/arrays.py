@@ -85,6 +85,12 @@ def checked_vertices(given: Any) -> FloatArray:
     return vertices
 
 
+def check_vertex(vertex: int, n: int) -> None:
+    """Raise an `InputError` unless a vertex is an index from 0 to n - 1."""
+    if not 0 <= vertex < n:
+        raise InputError(f"There is no vertex {vertex}: they are counted from 0 to {n - 1}.")
+
+
 def check_size(vertices: FloatArray, faces: IntArray) -> None:
     """Raise an `InputError` if the fourth power of coordinates, or its inverse, overflows."""
     largest = float(np.abs(vertices).max(initial=0.0))

@@ -16,6 +16,7 @@ from meshmash_viewer.arrays import (
     IntArray,
     Triangles,
     check_size,
+    check_vertex,
     checked_faces,
     checked_vertices,
     scaled_vertices,
@@ -228,11 +229,7 @@ class Mesh(Triangles):
         >>> mesh.file_index(0), mesh.vertex_of(3)
         (1, 2)
         """
-        if not 0 <= file_index < self.n_file_vertices:
-            raise InputError(
-                f"There is no vertex {file_index}: they are counted from 0 to"
-                f" {self.n_file_vertices - 1}."
-            )
+        check_vertex(file_index, self.n_file_vertices)
         here = file_index if self.numbering is None else int(self.numbering.here[file_index])
         if here < 0:
             raise InputError(

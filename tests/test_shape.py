@@ -135,7 +135,7 @@ def test_distance_of_two_spheres_in_closed_form():
 
 
 def test_distance_refuses_what_cannot_be_compared(neuron, sphere):
-    with pytest.raises(InputError, match="a mesh has 12 vertices"):
+    with pytest.raises(InputError, match="A mesh has only 12 vertices"):
         spectral_distance(sphere, shapes.icosphere(0), 13)
     with pytest.raises(InputError, match="in nm and no unit"):
         spectral_distance(neuron, sphere, 5, normalize=False)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, check_vertex
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_responses import ZERO_SHARE, as_spectrum
 from meshmash_viewer.features.sums import Features, sum_squares
@@ -67,9 +67,13 @@ def diffusion_distance(
     >>> mv.diffusion_distance([0.0, 1.0], [[1.0, 1.0], [1.0, -1.0]], 0, time=0.5).round(3)
     array([0.   , 1.213])
     """
-    if not (np.isfinite(time) and time > 0.0):
-        raise InputError(f"time is {time}: the diffusion time must be positive.")
+    _check_time(time)
     return _distance("diffusion", eigenvalues, eigenvectors, vertex, time)
+
+
+def _check_time(time: float | None) -> None:
+    if time is None or not 0.0 < time < math.inf:
+        raise InputError(f"time is {time}: the diffusion distance needs a positive time.")
 
 
 def biharmonic_distance(
@@ -187,7 +191,7 @@ def _distance(
         raise InputError(
             f"Eigenvectors of shape {columns.shape} do not match {len(values)} eigenvalues."
         )
-    _check_vertex(vertex, len(columns))
+    check_vertex(vertex, len(columns))
     rows: Any = RowsFrom(columns.T, vertex)
     weights = spectral_weights(kind, values, time)
     squares = np.asarray(sum_squares(rows, weights[np.newaxis], np.float64)[0])
@@ -196,11 +200,6 @@ def _distance(
     elsewhere = np.square(rows[zero]).sum(axis=0) > 1e-6 * np.square(columns[:, zero]).sum(axis=1)
     squares[elsewhere] = np.nan
     return np.asarray(np.sqrt(squares, out=squares))
-
-
-def _check_vertex(vertex: int, n: int) -> None:
-    if not 0 <= vertex < n:
-        raise InputError(f"There is no vertex {vertex}: they are counted from 0 to {n - 1}.")
 
 
 class GeodesicSolver:
@@ -242,7 +241,7 @@ class GeodesicSolver:
         `InputError` is raised if the vertex does not exist.
         """
         mesh, labels = self.mesh, self.mesh.component_labels
-        _check_vertex(vertex, mesh.n_vertices)
+        check_vertex(vertex, mesh.n_vertices)
         distances = np.full(mesh.n_vertices, np.nan)
         # potpourri3d does not check its arguments
         if mesh.referenced[vertex]:
@@ -274,7 +273,7 @@ def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
 def check_vertices(mesh: Mesh, vertices: npt.ArrayLike) -> None:
     """Raise `InputError` for vertices that do not exist or belong to no face."""
     for vertex in np.atleast_1d(np.asarray(vertices)).tolist():
-        _check_vertex(vertex, mesh.n_vertices)
+        check_vertex(vertex, mesh.n_vertices)
         if not mesh.referenced[vertex]:
             raise InputError(
                 f"Vertex {mesh.file_index(vertex)} belongs to no face, so it has no distance to"
@@ -338,8 +337,7 @@ def distance_features(
         if decomposition is None:
             raise InputError(f"The {measure} distance needs eigenpairs: give a decomposition.")
         if measure == "diffusion":
-            if time is None or not (np.isfinite(time) and time > 0.0):
-                raise InputError(f"time is {time}: the diffusion distance needs a positive time.")
+            _check_time(time)
             meta |= {"time": time, "time_unit": power_unit(surface.unit, 2)}
         values = _from_pairs(surface, chosen, measure, decomposition, time or 1.0)
         meta["n_eigenpairs"] = len(decomposition.eigenvalues)

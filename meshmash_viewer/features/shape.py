@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from meshmash_viewer.arrays import FloatArray, blocks
+from meshmash_viewer.arrays import FloatArray, blocks, check_vertex
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
 from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
@@ -357,8 +357,7 @@ def feature_distance(
     array([0., 5., 0.])
     """
     values = _values(features)
-    if not 0 <= vertex < len(values):
-        raise InputError(f"There is no vertex {vertex}: indices run from 0 to {len(values) - 1}.")
+    check_vertex(vertex, len(values))
     if not np.isfinite(values[vertex]).all():
         raise InputError(f"Vertex {vertex} has no features: no face uses it.")
     used = np.isfinite(values).all(axis=1)

@@ -42,8 +42,8 @@ def gltf_limits(path: Path) -> ReadLimits:
 
     A small file can use one array in a thousand meshes, or one mesh in a thousand nodes.
     """
-    file = GltfFile(path)
-    return ReadLimits.of(file.size, unpacked=file.unpacked_size)
+    size, unpacked = GltfFile(path).sizes
+    return ReadLimits.of(size, unpacked=unpacked)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ import os
 import struct
 import urllib.parse
 import urllib.request
-from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -65,16 +64,13 @@ class GltfFile:
         unknown = [each for each in required if each not in _UNDERSTOOD]
         _refuse([each for each in unknown if not str(each).startswith(_APPEARANCE)])
 
-    @cached_property
-    def size(self) -> int:
-        """Total size in bytes of the file and its buffers."""
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Total size in bytes of the file with its buffers, and of all arrays when unpacked."""
         named = [self._file_of(each) for each in self.description.get("buffers") or []]
-        return self._path.stat().st_size + sum(each.stat().st_size for each in named if each)
-
-    @cached_property
-    def unpacked_size(self) -> int:
-        """Total size in bytes of all arrays when unpacked."""
-        return sum(8 * _whole(each, "count", 0) for each in self.description.get("accessors") or [])
+        packed = self._path.stat().st_size + sum(each.stat().st_size for each in named if each)
+        arrays = self.description.get("accessors") or []
+        return packed, sum(8 * _whole(each, "count", 0) for each in arrays)
 
     def entry(self, kind: str, index: object) -> Entry:
         """Return an entry of the list `kind` in the description, such as "nodes".
