@@ -211,6 +211,8 @@ class BackgroundIO(QObject):
         def task() -> None:
             try:
                 result = work()
+            except Cancelled:
+                finish(lambda _: self._document.notices.say(f"Cancelled: {doing}."), None)
             except Exception as fault:  # noqa: BLE001  shown in the message bar
                 failure = failure_of(fault, doing)
                 finish(lambda _: self._document.notices.show(notice_of(failure)), None)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import weakref
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from PySide6.QtCore import QEventLoop, Qt
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QDialog, QMainWindow
 
@@ -19,10 +17,9 @@ from meshmash_viewer.app.background import BackgroundIO, say_saved
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.settings import Settings
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import remove_left_overs
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.work import call_in_child
 
@@ -30,10 +27,13 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
     from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
+    from meshmash_viewer.app.view.child import PictureProcess
     from meshmash_viewer.app.view.figure import FigureOptions, Panel
     from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
     from meshmash_viewer.app.view.mesh_view import MeshView
     from meshmash_viewer.mesh import Mesh
+
+Result = TypeVar("Result")
 
 
 class Pictures:
@@ -54,7 +54,9 @@ class Pictures:
         self._previewed: list[weakref.ref[Mesh]] = []
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
-        self._background_io, self._closed = background_io, False
+        self._background_io = background_io
+        #: Processes of the requested pictures.
+        self._processes: list[PictureProcess] = []
 
     def save_picture(self) -> None:
         from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
@@ -96,38 +98,58 @@ class Pictures:
         from meshmash_viewer.app.view.figure import compose, save_figure, seen_of, sharpened
 
         path, options, panels = dialog.path, dialog.options, dialog.panels
-        try:
-            with self._busy(f"Drawing {path.name} …"):
-                scenes, mesh = self._scenes(), self._document.mesh
-                drawings = [scene.renderer.twin() for scene in scenes]
-                # the mesh may have been replaced since the preview
-                if not panels or self._previewed != list(map(_reference, drawings)):
-                    sizes = (scene.plotter.pixels()[:2] for scene in scenes)
-                    panels = list(map(seen_of, drawings, sizes))
-                panels = sharpened(drawings, panels, options)
-        except InputError as fault:
-            self._document.notices.say(f"The picture was not saved: {fault}", Severity.ERROR)
-            return
+        drawings, sizes = self._drawings()
+        # the mesh may have been replaced since the preview
+        current = self._previewed == list(map(_reference, drawings))
+        mesh = self._document.mesh
         self._saved = ("" if mesh is None else mesh.name), path
         self._settings.figure = json.dumps(asdict(options)), path.suffix
         self._settings.folder = path.parent
-        self._background_io.run(
-            f"Writing {path.name}",
-            lambda: save_figure(compose(panels, options), path),
+
+        def save(process: PictureProcess) -> None:
+            seen: Sequence[Panel] = panels if current else ()
+            if not seen:
+                places = zip(drawings, sizes, strict=True)
+                seen = [seen_of(*each, process.draw) for each in places]
+            save_figure(compose(sharpened(drawings, seen, options, process.draw), options), path)
+
+        self._run(
+            f"Drawing {path.name}",
+            save,
             lambda _: say_saved(self._document, f"Picture saved to {path}.", path),
         )
 
-    @contextmanager
-    def _busy(self, text: str) -> Iterator[None]:
-        """Show a message and a busy pointer while the interface thread is drawing."""
-        self._document.notices.say(text)
-        QGuiApplication.setOverrideCursor(Qt.CursorShape.BusyCursor)
-        try:
-            # paint the message before drawing blocks the thread
-            QGuiApplication.processEvents(QEventLoop.ProcessEventsFlag.ExcludeUserInputEvents)
-            yield
-        finally:
-            QGuiApplication.restoreOverrideCursor()
+    def _drawings(self) -> tuple[list[MeshRenderer], list[tuple[int, int]]]:
+        """Return copies of the drawings of the renders, and the sizes of the renders in pixels."""
+        scenes = self._scenes()
+        return (
+            [scene.renderer.twin() for scene in scenes],
+            [scene.plotter.pixels()[:2] for scene in scenes],
+        )
+
+    def _run(
+        self,
+        doing: str,
+        work: Callable[[PictureProcess], Result],
+        then: Callable[[Result], object],
+    ) -> None:
+        """Call `work` in the background, with a message that has the button "Cancel"."""
+        from meshmash_viewer.app.view.child import PictureProcess
+
+        process = PictureProcess()
+        self._processes.append(process)
+
+        def call() -> Result:
+            try:
+                return work(process)
+            finally:
+                process.close()
+
+        holds = lambda: not process.closed  # noqa: E731
+        self._background_io.run(doing, call, then)
+        self._document.notices.show(
+            Notice(f"{doing} …", action=process.close, button="Cancel", holds=holds)
+        )
 
     def gallery(self) -> None:
         from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
@@ -192,44 +214,52 @@ class Pictures:
     def _write_scene(self, path: Path) -> None:
         from meshmash_viewer.app.view.picture import displayed_surface, write_scene
 
-        try:
-            surface = displayed_surface(self._opening.scenes[0].renderer)
-        except InputError as fault:
-            self._document.notices.say(f"The scene was not saved: {fault}", Severity.ERROR)
-            return
+        drawing = self._opening.scenes[0].renderer.twin()
         self._settings.folder = path.parent
-        self._document.notices.say(f"Writing {path.name} …")
 
-        def write() -> None:
+        def write(process: PictureProcess) -> None:
+            def look(_: object) -> None:
+                if process.closed:
+                    raise Cancelled
+
+            surface = displayed_surface(drawing)
             try:  # in a child process, because pyvista holds the GIL for seconds
-                call_in_child(write_scene, surface, path, look=self._stop_if_closed)
+                call_in_child(write_scene, surface, path, look=look)
             finally:
                 remove_left_overs(path.parent)  # temporary files of a terminated process
 
-        self._background_io.run(
+        self._run(
             f"Writing {path.name}",
             write,
             lambda _: say_saved(self._document, f"Scene saved to {path}.", path),
         )
 
-    def _stop_if_closed(self, _: object) -> None:
-        if self._closed:
-            raise Cancelled
-
     def copy_picture(self) -> None:
-        pictures = [scene.picture() for scene in self._scenes()]
-        tallest = max(len(each) for each in pictures)
-        level = [np.pad(each, ((0, tallest - len(each)), (0, 0), (0, 0))) for each in pictures]
-        picture = np.concatenate(level, axis=1)
-        height, width, _ = picture.shape
-        image = QImage(picture.tobytes(), width, height, QImage.Format.Format_RGBA8888)
-        QGuiApplication.clipboard().setImage(image.copy())
-        text = "Picture copied." if len(pictures) == 1 else "Both pictures copied."
-        self._document.notices.say(text)
+        from meshmash_viewer.app.view.picture import straight
+
+        drawings, sizes = self._drawings()
+
+        def draw(process: PictureProcess) -> QImage:
+            drawn = zip(drawings, sizes, strict=True)
+            pictures = [straight(process.draw(*each)) for each in drawn]
+            tallest = max(len(each) for each in pictures)
+            level = [np.pad(each, ((0, tallest - len(each)), (0, 0), (0, 0))) for each in pictures]
+            picture = np.concatenate(level, axis=1)
+            height, width, _ = picture.shape
+            image = QImage(picture.tobytes(), width, height, QImage.Format.Format_RGBA8888)
+            return image.copy()
+
+        def take(image: QImage) -> None:
+            QGuiApplication.clipboard().setImage(image)
+            text = "Picture copied." if len(drawings) == 1 else "Both pictures copied."
+            self._document.notices.say(text)
+
+        self._run("Drawing the picture", draw, take)
 
     def close(self) -> None:
-        """Stop writing scenes, and close open dialogs."""
-        self._closed = True
+        """Stop drawing and writing, and close open dialogs."""
+        for process in self._processes:
+            process.close()
         for dialog in list(self._open_dialogs.values()):
             dialog.done(0)  # cancels the recording of a movie
 

@@ -6,14 +6,13 @@ import csv
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import shapes
 from closed_form import give, rectangle_document
 from PIL import Image
-from PySide6.QtCore import QEvent, QObject, QPoint, Qt, QUrl, Signal
+from PySide6.QtCore import QObject, QPoint, Qt, QUrl, Signal
 from PySide6.QtGui import QDesktopServices, QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
@@ -29,13 +28,11 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 import meshmash_viewer as mv
-import meshmash_viewer.app.view.figure as figure_module
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.view.figure import Panel, sharpened
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.model.export import ExportJob
 
@@ -175,36 +172,29 @@ def test_stored_options_of_a_picture_are_offered_where_they_are_valid(
     window.settings.figure = "", ""
 
 
-def test_a_message_is_painted_before_a_picture_is_drawn(
+def test_a_picture_is_drawn_by_another_process_and_can_be_cancelled(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bar, painted, drawn = window.stage.message_bar, list[str](), list[tuple[str, object]]()
-
-    class Painted(QObject):
-        def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-            if event.type() == QEvent.Type.Paint and bar.notice is not None:
-                painted.append(bar.notice.text)
-            return False
-
-    def draw(*given: Any) -> list[Panel]:
-        drawn.append((painted[-1], QApplication.overrideCursor().shape()))
-        return sharpened(*given)
-
-    monkeypatch.setattr(figure_module, "sharpened", draw)
-    dialog, painting = pictured(qtbot, window), Painted()
-    bar.installEventFilter(painting)
-    type_path(dialog, tmp_path / "figure.png")
-    QTest.keyClick(dialog.file_row.edit, Qt.Key.Key_Return)
-    assert drawn == [("Drawing figure.png …", Qt.CursorShape.BusyCursor)]
-    assert QApplication.overrideCursor() is None
-    qtbot.waitUntil((tmp_path / "figure.png").exists, timeout=PATIENCE)
-    bar.removeEventFilter(painting)
+    monkeypatch.setattr(picture_module, "new_window", lambda: pytest.fail("in this process"))
+    bar, file = window.stage.message_bar, tmp_path / "figure.png"
+    for cancelled in (True, False):
+        type_path(pictured(qtbot, window), file)
+        QTest.keyClick(window.findChildren(FigureDialog)[-1].file_row.edit, Qt.Key.Key_Return)
+        assert bar.notice.text == "Drawing figure.png …"
+        if cancelled:
+            QTest.mouseClick(bar.findChild(QPushButton, "message_action"), LEFT)
+        qtbot.waitUntil(lambda: window.background_io.idle, timeout=PATIENCE)
+        assert file.exists() == (not cancelled)
+        said = "Cancelled: Drawing figure.png." if cancelled else f"Picture saved to {file}."
+        assert bar.notice.text == said
+    window.actions_["copy_picture"].trigger()
+    qtbot.waitUntil(lambda: bar.notice.text == "Picture copied.", timeout=PATIENCE)
+    assert not QApplication.clipboard().image().isNull()
 
 
 def check_its_folder_is_shown(qtbot: QtBot, window: MainWindow, folder: Path) -> None:
     bar = window.stage.message_bar
-    qtbot.waitUntil(lambda: bar.notice is not None, timeout=PATIENCE)
-    assert "Picture saved" in bar.notice.text
+    qtbot.waitUntil(lambda: "Picture saved" in bar.notice.text, timeout=PATIENCE)
     button = bar.findChild(QAbstractButton, "message_action")
     assert button.text() == "Show in folder"
 

@@ -926,8 +926,9 @@ def test_a_report_on_the_machine_is_copied(request: pytest.FixtureRequest, opene
 
 
 @pytest.mark.pixels
-def test_a_picture_is_copied(ball: MainWindow) -> None:
+def test_a_picture_is_copied(qtbot: QtBot, ball: MainWindow) -> None:
     ball.actions_["copy_picture"].trigger()
+    qtbot.waitUntil(lambda: ball.background_io.idle, timeout=60_000)
     image = QGuiApplication.clipboard().image()
     assert image.width() == pytest.approx(
         ball.scene.width() * ball.scene.devicePixelRatioF(), abs=2

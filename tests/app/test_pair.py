@@ -184,6 +184,7 @@ def test_both_meshes_are_in_a_picture_and_in_a_copy(
 ) -> None:
     opened = beside(window, folder / "other.npz", monkeypatch)
     window.actions_["copy_picture"].trigger()
+    wait_for(lambda: window.background_io.idle)
     scenes = window.scene, opened.scene
     wide = sum(scene.plotter.pixels()[0] for scene in scenes)
     assert QGuiApplication.clipboard().image().width() == wide

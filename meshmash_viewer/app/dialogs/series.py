@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,14 +18,14 @@ from meshmash_viewer.app.controls.make import keep_room, row, show_quietly
 from meshmash_viewer.app.controls.number_field import WholeField
 from meshmash_viewer.app.listening import stop_listening
 from meshmash_viewer.app.view.caption import Caption
+from meshmash_viewer.app.view.child import PictureProcess
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
-from meshmash_viewer.app.view.picture import OffScreen
 from meshmash_viewer.app.view.series import Shot, compute_shot, shots_of, show_shot
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field, LiveFeatures
+from meshmash_viewer.model.field import LiveFeatures
 from meshmash_viewer.model.notices import Failure, failure_of
 from meshmash_viewer.progress import Cancelled
 
@@ -41,7 +40,7 @@ Sink: TypeAlias = AbstractContextManager[Callable[[int, Picture, Caption | None]
 class Run:
     """Series of pictures, of which only one is in memory at a time."""
 
-    #: A renderer without a window (`MeshRenderer.twin`).
+    #: A renderer without a window (`MeshRenderer.twin`), used by the painter only.
     drawing: MeshRenderer
     #: Width and height of the pictures in pixels.
     size: tuple[int, int]
@@ -53,15 +52,13 @@ class Run:
     #: Vertices at which fields are computed, see `compute_shot`.
     picked: npt.NDArray[np.int64] | None = None
     stopped: bool = False
-    #: The picture and caption that the thread waits for.
-    answer: Future[tuple[Picture, Caption | None]] = field(default_factory=Future)
-    window: OffScreen | None = None
 
 
 class SeriesPainter(QObject):
     """Painter that draws series of pictures one after another.
 
-    Fields are computed and files written in a thread; pictures are drawn in the interface thread.
+    Fields are computed and files written in a thread; pictures are drawn in a child process, which
+    is kept for the next series.
     """
 
     #: Number of a picture, and the value that the sink returned for it.
@@ -70,7 +67,6 @@ class SeriesPainter(QObject):
     finished = Signal()
     #: `Failure` of a series.
     failed = Signal(object)
-    _due = Signal(object, object, object)
     _took = Signal(object, int, object)
     _ended = Signal(object, object)
 
@@ -79,8 +75,8 @@ class SeriesPainter(QObject):
         self._pool = QThreadPool(self)
         self._pool.setMaxThreadCount(1)
         self._runs: list[Run] = []
+        self._process = PictureProcess()
         queued = Qt.ConnectionType.QueuedConnection
-        self._due.connect(self._draw, queued)
         self._took.connect(self._say_drawn, queued)
         self._ended.connect(self._end, queued)
 
@@ -98,14 +94,14 @@ class SeriesPainter(QObject):
         """Stop all series; their sinks delete unfinished files."""
         for run in self._runs:
             run.stopped = True
-            run.answer.cancel()
-            _close(run)
         self._runs = []
 
     def close(self) -> None:
-        """Stop all series, and wait for the thread."""
+        """Stop all series, end the process, and wait for the thread."""
         self.stop()
+        self._process.close()
         self._pool.waitForDone()
+        self._process = PictureProcess()
 
     def _work(self, run: Run) -> None:
         live = LiveFeatures()
@@ -115,31 +111,18 @@ class SeriesPainter(QObject):
                 return
             with run.sink as take:
                 for at, shot in enumerate(run.shots):
-                    found = compute_shot(shot, run.display, live, run.picked)
-                    run.answer = Future()
-                    self._due.emit(run, shot, found)
-                    if run.stopped:  # before `answer` was set, and so not cancelled
-                        raise Cancelled
-                    self._took.emit(run, at, take(at, *run.answer.result()))
-                    if run.stopped:  # while the sink ran
+                    field = compute_shot(shot, run.display, live, run.picked)
+                    show_shot(run.drawing, shot, field, run.display)
+                    picture = self._process.draw(run.drawing, run.size, run.transparent)
+                    if not run.stopped:
+                        self._took.emit(run, at, take(at, picture, run.drawing.caption))
+                    if run.stopped:
                         raise Cancelled
         except Exception as error:  # noqa: BLE001  reported by `failed`
             fault = error
         self._ended.emit(run, fault)
 
     # -- in the interface thread --------------------------------------------------------------
-
-    @Slot(object, object, object)
-    def _draw(self, run: Run, shot: Shot, found: Field | None) -> None:
-        if run.stopped:
-            return
-        try:
-            show_shot(run.drawing, shot, found, run.display)
-            if run.window is None:
-                run.window = OffScreen(run.drawing, run.size, run.transparent)
-            run.answer.set_result((run.window.draw(), run.drawing.caption))
-        except Exception as fault:  # noqa: BLE001  raised in the thread by `Future.result`
-            run.answer.set_exception(fault)
 
     @Slot(object, int, object)
     def _say_drawn(self, run: Run, at: int, made: object) -> None:
@@ -151,17 +134,10 @@ class SeriesPainter(QObject):
         if run.stopped:
             return
         self._runs.remove(run)
-        _close(run)
         if fault is None:
             self.finished.emit()
         else:
             self.failed.emit(failure_of(fault, "Drawing pictures"))
-
-
-def _close(run: Run) -> None:
-    if run.window is not None:
-        run.window.close()
-        run.window = None
 
 
 class ColumnRange(QWidget):

@@ -7,7 +7,6 @@ A figure is made in three steps: `panel_of` finds the visible part of the mesh i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -30,7 +29,7 @@ from meshmash_viewer.app.view.page import (
     text_width,
     wrapped,
 )
-from meshmash_viewer.app.view.picture import OffScreen, straight
+from meshmash_viewer.app.view.picture import DrawFrame, draw_frame, straight
 from meshmash_viewer.app.view.style import LIGHT, RenderTheme, scale_bar_text
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
@@ -137,10 +136,12 @@ class _Place:
     bar: Caption | None
 
 
-def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> Panel:
+def seen_of(
+    drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL), draw: DrawFrame = draw_frame
+) -> Panel:
     """Return the visible part of the mesh of a drawing in a picture of a size in pixels.
 
-    The drawing must not belong to a window.
+    The drawing must not belong to a window. `draw` draws the picture.
 
     Raises
     ------
@@ -149,8 +150,7 @@ def seen_of(drawing: MeshRenderer, size: tuple[int, int] = (_TRIAL, _TRIAL)) -> 
     """
     wide, high = (max(round(side * _TRIAL / max(size)), 1) for side in size)
     drawing.annotated = False
-    with closing(OffScreen(drawing, (wide, high), transparent=True, samples=1)) as window:
-        return panel_of(drawing, window.draw())
+    return panel_of(drawing, draw(drawing, (wide, high), transparent=True, samples=1))
 
 
 def panel_of(drawing: MeshRenderer, picture: npt.NDArray[np.uint8]) -> Panel:
@@ -190,16 +190,18 @@ def panel_of(drawing: MeshRenderer, picture: npt.NDArray[np.uint8]) -> Panel:
 
 
 def sharpened(
-    drawings: Sequence[MeshRenderer], panels: Sequence[Panel], options: FigureOptions
+    drawings: Sequence[MeshRenderer],
+    panels: Sequence[Panel],
+    options: FigureOptions,
+    draw: DrawFrame = draw_frame,
 ) -> list[Panel]:
-    """Return the panels with images drawn at the resolution of the figure."""
+    """Return the panels with images drawn, by `draw`, at the resolution of the figure."""
     made = []
     for drawing, panel, place in zip(drawings, panels, _placed(panels, options), strict=True):
         drawing.annotated, drawing.view = False, panel.in_box(place.image)
         sides = (round(side / MM * options.dpi) for side in (place.image.width, place.image.height))
         wide, high = (max(side, 1) for side in sides)
-        with closing(OffScreen(drawing, (wide, high), transparent=True)) as window:
-            made.append(replace(panel, image=window.draw()))
+        made.append(replace(panel, image=draw(drawing, (wide, high), transparent=True)))
     return made
 
 

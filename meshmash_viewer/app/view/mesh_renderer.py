@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkTypeUInt8Array
 from vtkmodules.vtkRenderingCore import vtkActor, vtkCamera, vtkLight, vtkProp, vtkRenderer
 
 from meshmash_viewer.app.view.annotations import Annotations, Page, margins
@@ -428,26 +430,49 @@ class MeshRenderer:
         """Return a copy for another window, which shares the arrays of mesh and field."""
         other = MeshRenderer(self.dark)
         other._add_copies(self.added())
-        if self.mesh is None:
-            return other
-        other.set_mesh(self.mesh, self.normals)
-        assert self.surface is not None
-        assert other.surface is not None
-        if self.moved:
-            other.move(*self.drawn)
-            other.shape_text = self.shape_text
-        other.set_hidden(self.hidden)
-        other.set_selected(self.selected)
-        other.view, other.picker, other._pins = self.view, self.picker, self._pins
-        other.cut = self.cut
-        if self.caption is not None:
-            other.surface.write(self.surface.values)
-            other.surface.set_caption(self.caption)
-            other.caption = self.caption
-        for of, overlay in self.overlays.items():
-            if of != "faults":  # not drawn in pictures
-                other.set_overlay(overlay.copy(), of)
+        other._restore(self._state())
         return other
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the description of a copy for another process."""
+        state = self._state()
+        if state["mesh"] is not None:
+            state["mesh"] = state["mesh"].with_only_maps()
+        return _unpickled, (self.dark, _described(list(self.added())), state)
+
+    def _state(self) -> dict[str, Any]:
+        """Return the contents of a copy: arrays are shared, and overlays are copied."""
+        mesh, surface = self.mesh, self.surface
+        state = {name: getattr(self, name) for name in _COPIED}
+        overlays = {
+            name: (overlay.copy(), np.array(overlay.actor.GetPosition()))
+            for name, overlay in self.overlays.items()
+            if name != "faults"  # not drawn in pictures
+        }
+        values = None if surface is None else surface.values
+        shape = self.normals, self.drawn if self.moved else None, self.hidden, self.selected
+        return {"mesh": mesh, "shape": shape, "values": values, "overlays": overlays, **state}
+
+    def _restore(self, state: dict[str, Any]) -> None:
+        normals, moved, hidden, selected = state["shape"]
+        self.set_mesh(state["mesh"], normals)
+        if moved is not None:
+            self.move(*moved)
+        self.set_hidden(hidden)
+        self.set_selected(selected)
+        for name in _COPIED:
+            setattr(self, name, state[name])
+        if self.caption is not None:
+            self.show_values(state["values"], self.caption)
+        for name, (overlay, centre) in state["overlays"].items():
+            self._add_overlay(overlay, name, centre)
+
+    def show_values(self, values: npt.NDArray[np.float32], caption: Caption | None) -> None:
+        """Colour the mesh by `Surface.values` of another drawing of the same mesh."""
+        assert self.surface is not None
+        self.surface.write(values)
+        self.surface.set_caption(caption)
+        self.caption = caption
 
     def coarse_twin(self) -> tuple[MeshRenderer, IntArray] | None:
         """Return a copy of the stand-in, without a field, and its vertices; None if not made."""
@@ -462,6 +487,57 @@ class MeshRenderer:
         if self.points is not None:
             other._add_overlay(self.points.copy(), "points", self.centre)
         return other, picked
+
+
+#: Attributes that a copy has in common with the original.
+_COPIED = ("shape_text", "view", "picker", "_pins", "cut", "caption", "annotated")
+
+
+def _unpickled(dark: bool, added: _Described | None, state: dict[str, Any]) -> MeshRenderer:
+    drawing = MeshRenderer(dark)
+    for prop in [] if added is None else _actors_of(*added):
+        drawing.renderer.AddViewProp(prop)
+    drawing._restore(state)
+    return drawing
+
+
+#: Actors for another process: their numbers, and states and arrays of all VTK objects.
+_Described: TypeAlias = tuple[list[int], list[str], dict[str, npt.NDArray[np.uint8]]]
+
+
+def _described(props: list[vtkProp]) -> _Described | None:
+    if not props:
+        return None
+    manager = _object_manager()
+    numbers = [manager.RegisterObject(prop) for prop in props]
+    manager.UpdateStatesFromObjects()
+    known = manager.GetAllDependencies(0)
+    blobs = {each: vtk_to_numpy(manager.GetBlob(each)) for each in manager.GetBlobHashes(known)}
+    return numbers, [manager.GetState(each) for each in known], blobs
+
+
+def _actors_of(
+    numbers: list[int], states: list[str], blobs: dict[str, npt.NDArray[np.uint8]]
+) -> list[vtkProp]:
+    manager = _object_manager()
+    for name, content in blobs.items():
+        array = vtkTypeUInt8Array()
+        array.SetNumberOfValues(len(content))
+        vtk_to_numpy(array)[:] = content
+        manager.RegisterBlob(name, array)
+    for state in states:
+        manager.RegisterState(state)
+    manager.UpdateObjectsFromStates()
+    return [manager.GetObjectAtId(number) for number in numbers]
+
+
+def _object_manager() -> Any:
+    # imported only for actors of scripts, because the import is slow
+    from vtkmodules.vtkSerializationManager import vtkObjectManager
+
+    manager = vtkObjectManager()
+    manager.Initialize()
+    return manager
 
 
 def _view_of(camera: vtkCamera, width: int, height: int) -> View:

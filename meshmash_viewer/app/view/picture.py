@@ -7,8 +7,9 @@ import importlib.util
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 #: Seconds after which the test of a graphics driver is terminated.
 _DRIVER_TIMEOUT = 30.0
 #: Samples per pixel, and maximum number of samples of a picture; each takes 8 bytes in a driver.
-_SAMPLES, _MAX_SAMPLES = 8, 1 << 28
+SAMPLES, _MAX_SAMPLES = 8, 1 << 28
 
 
 def new_drawing(
@@ -83,8 +84,19 @@ def draw_picture(
     drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
 ) -> npt.NDArray[np.uint8]:
     """Draw a picture off screen; RGBA, shape (height, width, 4), first row on top."""
-    with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
-        return straight(window.draw())
+    return straight(draw_frame(drawing, size, transparent))
+
+
+def draw_frame(
+    drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False, samples: int = SAMPLES
+) -> npt.NDArray[np.uint8]:
+    """Draw a frame off screen, see `OffScreen` and `OffScreen.draw`."""
+    with contextlib.closing(OffScreen(drawing, size, transparent, samples)) as window:
+        return window.draw()
+
+
+#: A function like `draw_frame`.
+DrawFrame: TypeAlias = Callable[..., npt.NDArray[np.uint8]]
 
 
 def straight(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
@@ -109,7 +121,7 @@ class OffScreen:
         drawing: MeshRenderer,
         size: tuple[int, int],
         transparent: bool = False,
-        samples: int = _SAMPLES,
+        samples: int = SAMPLES,
     ) -> None:
         self.drawing, self.transparent = drawing, transparent
         self.size = int(size[0]), int(size[1])

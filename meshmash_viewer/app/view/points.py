@@ -101,12 +101,6 @@ class PointCloud(Overlay):
         self.actor = overlay_actor(self._data, _FRONT)
         self._mappers = [self.actor.GetMapper()]
 
-    def copy(self) -> PointCloud:
-        other = object.__new__(PointCloud)
-        other.__dict__.update(self.__dict__)  # both copies share the data
-        other._make_actor()
-        return other
-
     def move(self, drawn: npt.NDArray[np.float32]) -> None:
         self._data.points = drawn[self.vertices] + self._away
         self._pixels = None, self._pixels[1]

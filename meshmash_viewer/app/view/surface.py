@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -359,8 +359,13 @@ GRAPH = (Layer(-1e6, 1.0, "#ffffff", 2.4), Layer(-1e6, 1.0, "#14181d", 1.2))
 
 
 class Overlay:
-    """Base class of marks and points over the surface; each window needs a separate copy."""
+    """Base class of marks and points over the surface; each window needs a separate copy.
 
+    Pickled overlays are copies for another process.
+    """
+
+    #: pyvista.PolyData: points (relative to the centre of the mesh) and cells of the marks.
+    _data: Any
     actor: Any
     _mappers: list[vtkMapper]
     #: Legend of the colours.
@@ -387,9 +392,24 @@ class Overlay:
         """Set the number of pixels per point."""
         raise NotImplementedError
 
-    def copy(self) -> Overlay:
-        """Return a copy for another window."""
+    def _make_actor(self) -> None:
+        """Make the actor of `_data`, and its mappers."""
         raise NotImplementedError
+
+    def __getstate__(self) -> dict[str, Any]:
+        made = ("actor", "_mappers", "_looks")
+        return {name: each for name, each in self.__dict__.items() if name not in made}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._data = state["_data"].copy()
+        self._make_actor()
+
+    def copy(self) -> Self:
+        """Return a copy for another window."""
+        other = object.__new__(type(self))
+        other.__setstate__(self.__getstate__())
+        return other
 
 
 class Marks(Overlay):
@@ -415,16 +435,16 @@ class Marks(Overlay):
             self._data.lines = _padded(numbers[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
         corner = _NODE if layers is GRAPH else _CORNER
         self._point = _POINT if parts.shape[1] == 1 else corner
+        self._make_actor()
+
+    def _make_actor(self) -> None:
         self.actor = vtkAssembly()
         self.actor.PickableOff()
-        actors = [_drawn(self._data, each) for each in layers]
+        actors = [_drawn(self._data, each) for each in self._layers]
         self._looks = [each.GetProperty() for each in actors]
         self._mappers = [each.GetMapper() for each in actors]
         for each in actors:
             self.actor.AddPart(each)
-
-    def copy(self) -> Marks:
-        return Marks(self.parts, self._layers)
 
     def move(self, drawn: npt.NDArray[np.float32]) -> None:
         self._data.points = drawn[self._vertices]
