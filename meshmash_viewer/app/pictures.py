@@ -166,8 +166,14 @@ class Pictures:
 
         mesh = self._document.mesh
         assert mesh is not None
-        dialog = SheetDialog(self._settings.folder / f"{mesh.name or 'mesh'}_gallery", gallery)
-        ask(dialog, lambda: gallery.save(dialog.path, dialog.options))
+        path = self._settings.folder / f"{mesh.name or 'mesh'}_gallery"
+        dialog = SheetDialog(path, gallery, _options(self._settings.sheet))
+
+        def save() -> None:
+            self._settings.sheet = json.dumps(asdict(dialog.options))
+            gallery.save(dialog.path, dialog.options)
+
+        ask(dialog, save)
 
     def save_movie(self) -> None:
         from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog

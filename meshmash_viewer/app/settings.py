@@ -98,6 +98,15 @@ class Settings:
         self._set("figure_ending", figure[1])
 
     @property
+    def sheet(self) -> str:
+        """Options of the last saved picture of a gallery as JSON; "" if unknown."""
+        return str(self._get("sheet") or "")
+
+    @sheet.setter
+    def sheet(self, options: str) -> None:
+        self._set("sheet", options)
+
+    @property
     def seconds_rate(self) -> float | None:
         """Seconds per vertex and pair of the last solve on this machine."""
         try:

@@ -167,10 +167,35 @@ def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path:
     assert min(shares) > 0.02
 
 
-def ask(qtbot: QtBot, dialog: QDialog, path: Path) -> None:
+def test_options_of_a_saved_picture_are_offered_again(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    dialog = opened(qtbot, window)
+    asked = asking(qtbot, dialog)
+    for name in ("width", "dpi", "background"):
+        QTest.keyClick(part(asked, f"figure_{name}_combo"), Qt.Key.Key_Down)
+    chosen = asked.options
+    assert (chosen.width_mm, chosen.dpi, chosen.background) == (114.0, 600, "transparent")
+    enter(asked, tmp_path / "sheet.png")
+    dialog.close()
+    qtbot.waitUntil(lambda: not window.findChildren(QDialog, "gallery_dialog"), timeout=PATIENCE)
+    assert asking(qtbot, opened(qtbot, window)).options == chosen
+
+
+def asking(qtbot: QtBot, dialog: QDialog) -> QDialog:
+    """Press the button that saves the gallery; return the dialog of the picture."""
+    qtbot.waitUntil(part(dialog, "gallery_save_button").isEnabled, timeout=PATIENCE)
     QTest.mouseClick(part(dialog, "gallery_save_button"), LEFT)
     asked = dialog.findChild(QDialog, "figure_dialog")
     qtbot.waitUntil(asked.isVisible, timeout=PATIENCE)
+    return asked
+
+
+def ask(qtbot: QtBot, dialog: QDialog, path: Path) -> None:
+    enter(asking(qtbot, dialog), path)
+
+
+def enter(asked: QDialog, path: Path) -> None:
     edit = part(asked, "file_edit")
     edit.selectAll()
     QTest.keyClicks(edit, str(path))
