@@ -224,7 +224,8 @@ class MainWindow(ScriptedWindow):
         self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_panel.save_requested.connect(self.commands.save_shape)
         self.mesh_panel.health.scene = self.label_panel.scene = self.scene
-        self.label_panel.write_requested.connect(self.commands.write)
+        for panel in (self.label_panel, self.pair_panel):
+            panel.write_requested.connect(self.commands.write)
         self.pair_panel.open_requested.connect(self.opening.compare_with)
         self.pair_panel.close_requested.connect(self.opening.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)

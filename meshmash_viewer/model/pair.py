@@ -190,16 +190,22 @@ class Pair(MatchedDocuments):
             self.first.maps.show(own[-1].name)
 
     def _rename_carried(self, name: str, given: str) -> None:
-        """Rename the carried copy of a renamed map, in the same step of the history."""
-        carried, mesh = {id(each) for each in self.carried}, self.second.mesh
+        """Rename the carried copy, or the original, of a renamed map in the same step."""
+        first, mesh = self.first.mesh, self.second.mesh
         known = next((each for each in mesh.maps if each.name == name), None) if mesh else None
-        if mesh is None or known is None or id(known) not in carried:
+        if first is None or mesh is None or known is None:
+            return
+        renamed, copied = first.map_named(given), any(each is known for each in self.carried)
+        if not copied and not any(
+            each.name == name and each.values.tobytes() == renamed.values.tobytes()
+            for each in self.carried
+        ):
             return
         history, before = self.first.history, len(self._second_past)
         with history.paused():
             self.second.maps.rename(name, given)
         assert self.second.mesh is not None
-        self.carried += (self.second.mesh.maps[mesh.maps.index(known)],)
+        self.carried += (self.second.mesh.maps[mesh.maps.index(known)] if copied else renamed,)
         history.complete(history.past[-1], {**history.past[-1].state, "second mesh": before})
 
     def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:

@@ -646,6 +646,39 @@ def test_own_maps_show_the_carried_map_on_both_under_its_new_name(
         first.maps.remove(name)
 
 
+def test_a_map_of_the_second_follows_the_name_of_its_copy_on_the_first_and_its_labels_are_saved(
+    window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, first = beside(window, folder / "copy.npz", monkeypatch), window.document
+    second, count = opened.document, len(first.mesh.maps)
+    save = part(window, QPushButton, "second_save_labels_button")
+    assert not save.isEnabled()
+    above = (FIRST.vertices[:, 2] > 0).astype(int)
+    halves = mv.VertexMap("halves", above, (mv.Label(1, "north", "#4477aa"),))
+    second.maps.add(second.mesh, [halves, mv.VertexMap("z", FIRST.vertices[:, 2])])
+    second.maps.show("z")
+    rest(window)
+    path = tmp_path / "second.annot"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+    QTest.mouseClick(save, LEFT)
+    wait_for(path.exists)
+    rest(window)
+    assert [label.name for label in mv.read_labels(path, second.mesh).labels] == ["north"]
+    QTest.mouseClick(part(window, QPushButton, "carry_to_first_button"), LEFT)
+    rest(window)
+    first.maps.rename("z", "height")
+    rest(window)
+    assert [each.field.title for each in (window.controller, opened.controller)] == ["height"] * 2
+    assert "height" in [each.name for each in second.mesh.maps]
+    window.stage.setFocus()
+    QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    rest(window)
+    for document in (first, second):
+        assert "z" in [each.name for each in document.mesh.maps]
+    for each in first.mesh.maps[count:]:
+        first.maps.remove(each.name)
+
+
 def test_what_is_made_on_the_second_is_undone_and_redone_in_its_place(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

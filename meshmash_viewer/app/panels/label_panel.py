@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 from operator import is_
@@ -175,16 +176,7 @@ class LabelPanel(QWidget):
         self._document.maps.open(paths, labels=True)
 
     def _save(self) -> None:
-        known, mesh = self._document.labels.current, self._document.mesh
-        if known is not None and mesh is not None:
-            name = f"{known.name}.label.gii"
-            path = ask_to_save(self, self._document, "labels", name, "Labels", LABEL_WRITERS)
-            if path is not None:
-                chosen = [each for each in known.labels if each.key in self.table.chosen]
-                if path.name.endswith(".label") and len(chosen) == 1:  # for a single label
-                    known = replace(known, labels=tuple(chosen))
-                work = partial(write_labels, path, known, mesh)
-                self.write_requested.emit(path, work, "Labels")
+        save_labels(self, self._document, self.write_requested.emit, self.table.chosen)
 
     def _measure(self) -> None:
         field = self._field
@@ -340,3 +332,24 @@ class LabelPanel(QWidget):
         """Wait until the thread has ended."""
         super().closeEvent(event)
         self._thread.close()
+
+
+def save_labels(
+    parent: QWidget,
+    document: Document,
+    write: Callable[..., object],
+    chosen: Collection[int] = (),
+) -> None:
+    """Ask for a file, then call `write` to write the current label set, as `Commands.write`.
+
+    `chosen` contains the numbers of the chosen labels; a file for a single label gets this label.
+    """
+    known, mesh = document.labels.current, document.mesh
+    if known is not None and mesh is not None:
+        name = f"{known.name}.label.gii"
+        path = ask_to_save(parent, document, "labels", name, "Labels", LABEL_WRITERS)
+        if path is not None:
+            labels = tuple(each for each in known.labels if each.key in chosen)
+            if path.name.endswith(".label") and len(labels) == 1:
+                known = replace(known, labels=labels)
+            write(path, partial(write_labels, path, known, mesh), "Labels")

@@ -18,6 +18,7 @@ from meshmash_viewer.app.controls.make import PANEL, column, row
 from meshmash_viewer.app.dialogs.files import ask_to_save
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
+from meshmash_viewer.app.panels.label_panel import save_labels
 from meshmash_viewer.app.plots.panel import PlotSaver
 from meshmash_viewer.app.plots.plot import MatrixView, Plot, Series, dashed, solid
 from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
@@ -52,6 +53,8 @@ class PairPanel(QWidget):
     maps_requested = Signal()
     #: Request to write results of the second mesh to a file.
     export_requested = Signal()
+    #: File, function that writes it, and description: request to write labels of the second mesh.
+    write_requested = Signal(object, object, str)
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -156,6 +159,13 @@ class PairPanel(QWidget):
             "Write features, eigenpairs or maps of the second mesh to a file",
             self.export_requested,
         )  # fmt: skip
+        self.labels_button = make.button(
+            "Save labels…", "second_save_labels_button",
+            "Save the label set of the second mesh that was displayed last",
+            self._call(
+                lambda pair, *_: save_labels(self, pair.second, self.write_requested.emit)
+            ),
+        )  # fmt: skip
         #: Controls of the second mesh, created for each second mesh.
         self.health: HealthTable | None = None
         self._unit_combo: UnitCombo | None = None
@@ -181,7 +191,7 @@ class PairPanel(QWidget):
                 *self.links.values(),
                 row((make.heading("Second mesh"),), self.undo_button),
                 self._second,
-                row(self.map_button, self.export_button, None),
+                row(self.map_button, self.export_button, self.labels_button, None),
             )
         )
         whole = make.holder(
@@ -241,7 +251,10 @@ class PairPanel(QWidget):
             self._unit_combo = UnitCombo(pair.second, second=True)
             self._second.addWidget(self.health)
             self._unit.addWidget(self._unit_combo)
-            changes = pair.changed, pair.second.mesh_changed, pair.second.work.changed
+            second = pair.second
+            changes = (
+                pair.changed, second.mesh_changed, second.spectrum_changed, second.work.changed
+            )  # fmt: skip
             follow(changes, self.refresh)
         self.refresh()
 
@@ -274,6 +287,7 @@ class PairPanel(QWidget):
         self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
         for control in (self.map_button, self.export_button):
             control.setEnabled(other is not None)
+        self.labels_button.setEnabled(pair.second.labels.current is not None)
         figures, matches = dict[str, str](), dict[str, str]()
         if found is not None:
             figures = {
