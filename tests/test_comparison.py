@@ -135,6 +135,10 @@ def test_a_match_by_features_alone_that_is_poor_says_how_to_improve_it(blob: Mes
     assert refined.functions.determined.sum() > 50, "as the remark promises"
     assert np.mean(refined.forth.indices == place) > 0.95
     assert comparison_remarks(blob, other, found=refined) == []
+    left, right = replace(blob, structure="CortexLeft"), replace(other, structure="CortexRight")
+    (remark,) = comparison_remarks(left, right, found=poor)
+    assert "pin at least three corresponding places on both meshes, and refine" in remark
+    assert comparison_remarks(left, right, found=refined) == []
     assert comparison_remarks(blob, blob, found=compare_shapes(first, first, bank)) == []
 
 

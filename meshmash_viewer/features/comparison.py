@@ -255,6 +255,14 @@ def comparison_remarks(
         )
     if found is None or found.given:
         return remarks
+    sides = {brain_side(mesh.structure, mesh.name) for mesh in (first, second)}
+    if sides == {"left", "right"} and (found.functional is None or found.functional.ambiguous):
+        remarks.append(
+            "the meshes are a left and a right hemisphere, whose folds differ, so a match without"
+            " landmarks is unreliable: pin at least three corresponding places on both meshes, and"
+            " refine the match by ZoomOut."
+        )
+        return remarks
     if found.functional is not None:
         return [*remarks, *filter(None, [found.functional.remark])]
     n_matched, total = int(found.functions.determined.sum()), len(found.functions.indices)

@@ -104,9 +104,14 @@ class FunctionalMap:
     rigid: FloatArray | None = None
 
     @property
+    def ambiguous(self) -> bool:
+        """Whether landmarks are needed to determine the map."""
+        return self.determined < _AMBIGUOUS
+
+    @property
     def remark(self) -> str:
         """Warning about the map; "" for none."""
-        if self.determined < _AMBIGUOUS:
+        if self.ambiguous:
             return (
                 "several matches are equally good, as on a shape with a symmetry, or the shapes"
                 " differ much: set landmarks."
