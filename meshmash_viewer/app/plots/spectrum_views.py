@@ -248,7 +248,8 @@ class ResponseView:
         colors = theme.palette()
         ticks = f'<span style="color:{colors.reference}">|</span> eigenvalues'
         mark = f'<span style="color:{colors.marker}">▬</span>'
-        return f"{mark} {self._response_text}&nbsp;&nbsp; {ticks}"
+        response = f"{mark} {self._response_text}&nbsp;&nbsp; " if self._response_text else ""
+        return response + ticks
 
     def numbers(self) -> list[Series]:
         spectrum, family = self._document.scaled_spectrum, self.family
@@ -308,7 +309,7 @@ class ResponseView:
         for item in (self.response, *self.series, self.handle, self.low, self.high, self.missing):
             item.setVisible(response is not None)
         if response is None:
-            self._response_text = "no response"
+            self._response_text = ""
             return
         self._response_text = response.legend
         gap = np.array([np.nan])
