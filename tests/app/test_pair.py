@@ -46,7 +46,7 @@ from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.model.limits import LockedLimits
-from meshmash_viewer.model.matching import MATCHED_IN
+from meshmash_viewer.model.matching import MATCHED_IN, ComparisonRequest
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_share
@@ -162,6 +162,20 @@ def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> S
     wait_for(lambda: window.opening.second_view.pair.comparison is not None)
     rest(window)
     return window.opening.second_view
+
+
+def test_a_failed_comparison_is_stated_in_the_panel(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object) -> Comparison:
+        raise mv.InputError("The meshes have too few eigenpairs.")
+
+    monkeypatch.setattr(ComparisonRequest, "answered", failing)
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(folder / "other.npz"), ""))
+    window.actions_["compare_with"].trigger()
+    assert text(window, "pair_hint") == "The meshes are being compared …"
+    wait_for(lambda: text(window, "pair_hint").startswith("The comparison failed"))
+    assert "too few eigenpairs" in window.stage.message_bar.notice.text
 
 
 @pytest.mark.slow

@@ -343,7 +343,12 @@ class PairPanel(QWidget):
         spectrum = self._document.spectrum
         if spectrum is None or not spectrum.complete:
             return "Press Compute: the second mesh is solved as far as the first."
-        return "" if self._pair.comparison is not None else "The meshes are being compared …"
+        if self._pair.comparison is not None:
+            return ""
+        second = self._pair.second.spectrum
+        if self._pair.comparing or second is None or not second.complete:
+            return "The meshes are being compared …"
+        return "The comparison failed: compute more pairs, or repair the second mesh."
 
     def _matches_of(self, pair: Pair) -> list[str]:
         found, mesh = pair.best_matches(pair.first.pins.placed[-1].vertex), pair.second.mesh
