@@ -172,8 +172,8 @@ class TargetBox(QWidget):
             parts.append(
                 "≈: extrapolated by Weyl's law from the last known eigenvalue."
                 if len(translation.eigenvalues)
-                else "≈ by Weyl's law, within a factor of two; of ten for the first hundred pairs "
-                "of thin branches."
+                else "≈: estimated by Weyl's law, within a factor of 2, or of 10 for the first "
+                "hundred pairs of thin branches."
             )
         self.note.setText(" ".join(parts))
         self._show_note()
