@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QMainWindow, QMessageBox
+from PySide6.QtWidgets import QMessageBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
@@ -18,7 +18,6 @@ from meshmash_viewer.app.controls.field_events import settle_typing
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.pin_commands import PinCommands
-from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
 from meshmash_viewer.fields.table import FAR
 from meshmash_viewer.model.document import Document
@@ -49,30 +48,28 @@ class Commands:
 
     def __init__(
         self,
-        window: QMainWindow,
-        document: Document,
-        settings: Settings,
+        opening: Opening,
         actions: Actions,
         arrangement: Arrangement,
         background_io: BackgroundIO,
-        opening: Opening,
     ) -> None:
-        self._window, self._document, self._settings = window, document, settings
+        self._opening, self._window = opening, opening.window
+        self._document, self._settings = opening.document, opening.settings
         self._actions, self._arrangement = actions, arrangement
-        self._background_io, self._opening = background_io, opening
+        self._background_io = background_io
         self._export_ending = ""
         self._exported: Exported | None = None
-        self.pictures = Pictures(window, document, settings, background_io, opening)
-        self.pins = PinCommands(window, document, settings, actions, background_io, opening)
+        self.pictures = Pictures(opening, background_io)
+        self.pins = PinCommands(opening, actions, background_io)
         opening.pins_requested.connect(self.pins.read)
         #: The tools, None until the render is made.
         self.select_tool: SelectTool | None = None
         self.cutting: Cutting | None = None
         self.point_tool: PointTool | None = None
-        display = document.display
+        document, display = self._document, self._document.display
         #: Functions of the commands whose function has another name.
         self._calls: dict[str, Callable[..., object]] = {
-            "quit": window.close,
+            "quit": self._window.close,
             "reset_layout": arrangement.reset,
             **{name: partial(setattr, display, name) for name in _SHOWN},
             "play": partial(setattr, display, "playing"),

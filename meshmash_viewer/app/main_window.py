@@ -114,15 +114,7 @@ class MainWindow(ScriptedWindow):
         self.background_io = BackgroundIO(self.document, self)
         self.opening = Opening(self, self.document, self.settings, self.stage)
         self.opening.pair_changed.connect(self._on_pair_changed)
-        self.commands = Commands(
-            self,
-            self.document,
-            self.settings,
-            self.actions_,
-            self.arrangement,
-            self.background_io,
-            self.opening,
-        )
+        self.commands = Commands(self.opening, self.actions_, self.arrangement, self.background_io)
         welcome = self.stage.welcome
         welcome.open_requested.connect(self.opening.open_mesh)
         welcome.sample_requested.connect(self.opening.open_sample)

@@ -42,7 +42,10 @@ if TYPE_CHECKING:
 
 
 class Opening(QObject):
-    """Commands that open files in a window; owner of the second view and of the sessions."""
+    """Commands that open files in a window; owner of the second view and of the sessions.
+
+    `document` and `settings` are those of the window.
+    """
 
     #: A second mesh was opened (its `Pair`) or closed (None).
     pair_changed = Signal(object)
@@ -52,14 +55,10 @@ class Opening(QObject):
     points_requested = Signal(object)
 
     def __init__(
-        self,
-        window: QMainWindow,
-        document: Document,
-        settings: Settings,
-        stage: Stage,
+        self, window: QMainWindow, document: Document, settings: Settings, stage: Stage
     ) -> None:
         super().__init__(window)
-        self._window, self._document, self._settings = window, document, settings
+        self.window, self.document, self.settings = window, document, settings
         self._stage = stage
         self.last_session = LastSession(document, settings.sessions, self._look_of, self)
         #: The render of the first mesh, and its controller; None until they are loaded.
@@ -76,7 +75,7 @@ class Opening(QObject):
 
     def _name_first(self) -> None:
         """Show name and number of eigenpairs of the first mesh above its render."""
-        mesh, spectrum = self._document.mesh, self._document.spectrum
+        mesh, spectrum = self.document.mesh, self.document.spectrum
         parts = [(mesh.name if mesh is not None else "") or "First mesh"]
         if spectrum is not None and len(spectrum):
             pairs = counted(len(spectrum), "pair")
@@ -95,13 +94,13 @@ class Opening(QObject):
         Tables of pins and points are always added to the first mesh.
         """
         if paths[0].suffix != LINK_ENDING:  # link files are stored in an internal folder
-            self._settings.folder = paths[0].parent
+            self.settings.folder = paths[0].parent
         maps, others = _divided(paths)
         pins = [] if others else [path for path in maps if is_pin_table(path)]
         maps = [path for path in maps if path not in pins]
         for path in pins:
             self.pins_requested.emit(path)
-        if not others and not as_second and self._document.mesh is not None:
+        if not others and not as_second and self.document.mesh is not None:
             tables = [path for path in maps if _is_table(path)]
             for path in tables:
                 self.points_requested.emit(path)
@@ -111,7 +110,7 @@ class Opening(QObject):
         self._waiting = None
         if not others:
             second = self.pair.second if as_second and self.pair is not None else None
-            (second or self._document).maps.open(maps)
+            (second or self.document).maps.open(maps)
         elif others[0].name.endswith(SESSION_ENDING):
             self.restore_session(others[0])
         elif as_second:
@@ -125,11 +124,11 @@ class Opening(QObject):
         else:
             self.read(others[0], maps=maps)
         if len(others) > 1 + (self._waiting is not None):
-            self._document.notices.say(f"Opening {others[0].name}; two meshes at most.")
+            self.document.notices.say(f"Opening {others[0].name}; two meshes at most.")
 
     def _open_waiting(self) -> None:
         """Open the second of two meshes opened together, once the first mesh is open."""
-        if self._waiting is None or self._document.path != self._waiting[0]:
+        if self._waiting is None or self.document.path != self._waiting[0]:
             return
         if self.scene is not None and self.restoration is None:
             (_, path, maps), self._waiting = self._waiting, None
@@ -137,7 +136,7 @@ class Opening(QObject):
 
     def drop_texts(self, paths: Sequence[Path]) -> tuple[str, ...]:
         """Describe the effect of `open_paths`, and its effect with `as_second` if different."""
-        first, (maps, others) = self._document.mesh, _divided(paths)
+        first, (maps, others) = self.document.mesh, _divided(paths)
         values = maps[0].name if len(maps) == 1 else counted(len(maps), "map")
         if not others:
             names = ["the open mesh" if first is None else first.name or "the open mesh"]
@@ -160,15 +159,15 @@ class Opening(QObject):
         self.last_session.save()
         session = self.last_session.stored(path)
         if session is None:
-            self._document.open_mesh(path, unit, maps=maps)
+            self.document.open_mesh(path, unit, maps=maps)
             return
         file = self.last_session.path(path)
         session = replace(session, unit=unit or session.unit, mesh_path=str(path.absolute()))
         try:
-            restoration = Restoration(self._document, file, session, saved_itself=True, maps=maps)
+            restoration = Restoration(self.document, file, session, saved_itself=True, maps=maps)
         except InputError as fault:
             self.last_session.set_aside(path, str(fault))
-            self._document.open_mesh(path, session.unit, maps=maps)
+            self.document.open_mesh(path, session.unit, maps=maps)
             return
         restoration.restored.connect(lambda: self._offer_fresh_start(path, session))
         self._begin(restoration)
@@ -176,25 +175,25 @@ class Opening(QObject):
     def _offer_fresh_start(self, path: Path, session: Session) -> None:
         """List the restored items, with a button that opens the file without its session."""
         made = {
-            "pin": len(self._document.pins.placed),
+            "pin": len(self.document.pins.placed),
             "map": self.last_session.restore_maps(self.last_session.path(path), session.kept_maps),
             "map file": len(session.maps),
             "second mesh": int(bool(session.second_path)),
             "table of points": int(bool(session.points)),
-            "rebuilt shape": int(self._document.display.shape.shown),
+            "rebuilt shape": int(self.document.display.shape.shown),
         }
         if any(made.values()):
-            made["repair"] = len(self._document.repairs)
+            made["repair"] = len(self.document.repairs)
             what = ", ".join(counted(count, noun) for noun, count in made.items() if count)
             text = f"Opened as you left it: {what}."
             notice = Notice(text, button="Start afresh", action=lambda: self.start_afresh(path))
-            self._document.notices.show(notice)
+            self.document.notices.show(notice)
 
     def start_afresh(self, path: Path) -> None:
         """Delete the stored session of a mesh file, and open the file."""
         self.last_session.forget(path)
         self.end_comparison()
-        self._document.open_mesh(path)
+        self.document.open_mesh(path)
 
     def _look_of(self) -> tuple[dict[str, Any], Pair | None]:
         """Return the camera (empty without a render) and the pair, to be stored in a session."""
@@ -204,7 +203,7 @@ class Opening(QObject):
         return camera or {}, self.pair
 
     def add_map(self) -> None:
-        self._add_map(self._document)
+        self._add_map(self.document)
 
     def add_map_to_second(self) -> None:
         assert self.pair is not None
@@ -213,9 +212,9 @@ class Opening(QObject):
     def _add_map(self, document: Document) -> None:
         from meshmash_viewer.app.dialogs.files import ask_for_maps
 
-        paths = ask_for_maps(self._window, self._settings.folder)
+        paths = ask_for_maps(self.window, self.settings.folder)
         if paths:
-            self._settings.folder = paths[0].parent
+            self.settings.folder = paths[0].parent
             document.maps.open(paths)
 
     def open_mesh(self) -> None:
@@ -227,10 +226,10 @@ class Opening(QObject):
         """Ask for a link to the mesh of a segment, and open it as the first or the second mesh."""
         from meshmash_viewer.app.dialogs.link_dialog import LinkDialog
 
-        path = self._document.path
+        path = self.document.path
         is_linked = path is not None and path.suffix == LINK_ENDING
         source = name_and_place(path)[1] if path and is_linked else ""
-        dialog = LinkDialog(self._window, source, can_compare=self.scene is not None)
+        dialog = LinkDialog(self.window, source, can_compare=self.scene is not None)
         dialog.accepted.connect(lambda: self.open_paths([dialog.path], as_second=dialog.compares))
         dialog.finished.connect(dialog.deleteLater)
         dialog.open()
@@ -238,16 +237,16 @@ class Opening(QObject):
     def compare_with(self) -> None:
         path = self._ask_for_mesh("Compare with")
         if path is not None:
-            self._settings.folder = path.parent
+            self.settings.folder = path.parent
             self.open_second(path)
 
     def _ask_for_mesh(self, title: str) -> Path | None:
         # the ending of a FreeSurfer file is the name of the surface, such as .pial
         patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
         path, _ = QFileDialog.getOpenFileName(
-            self._window,
+            self.window,
             title,
-            str(self._settings.folder),
+            str(self.settings.folder),
             f"Meshes ({patterns});;All files (*)",
         )
         return Path(path) if path else None
@@ -288,7 +287,7 @@ class Opening(QObject):
         view = self.second_view
         if view is None:
             assert self.scene is not None and self.controller is not None  # noqa: PT018  a render
-            view = self.second_view = SecondView(self._document, self.scene, self.controller)
+            view = self.second_view = SecondView(self.document, self.scene, self.controller)
             view.close_requested.connect(self.end_comparison)
             self.last_session.watch(view.document)
             listen(view.pair.changed, self.last_session.changed)
@@ -310,9 +309,9 @@ class Opening(QObject):
 
     def open_session(self) -> None:
         path, _ = QFileDialog.getOpenFileName(
-            self._window,
+            self.window,
             "Open session",
-            str(self._settings.folder),
+            str(self.settings.folder),
             f"Sessions (*{SESSION_ENDING});;All files (*)",
         )
         if path:
@@ -320,9 +319,9 @@ class Opening(QObject):
 
     def restore_session(self, path: Path) -> None:
         try:
-            restoration = Restoration(self._document, path)
+            restoration = Restoration(self.document, path)
         except InputError as fault:
-            self._document.notices.say(str(fault), Severity.ERROR)
+            self.document.notices.say(str(fault), Severity.ERROR)
             return
         names = restoration.kept_maps
         restoration.restored.connect(lambda: self.last_session.restore_maps(path, names))
@@ -361,23 +360,23 @@ class Opening(QObject):
 
         `InputError` is raised if a file cannot be written.
         """
-        session = session_of(self._document, *self._look_of())
+        session = session_of(self.document, *self._look_of())
         second = self.pair.second if session.second_path and self.pair is not None else None
         session = replace(
             session,
-            kept_maps=_write_maps(path, self._document),
+            kept_maps=_write_maps(path, self.document),
             second_kept_maps=_write_maps(path, second, ".second"),
         )
         write_session(path, session)
 
     def save_session(self) -> None:
-        if self._document.path is None:
+        if self.document.path is None:
             text = "This mesh is only in memory: a session requires a mesh file."
-            self._document.notices.say(text, Severity.WARNING)
+            self.document.notices.say(text, Severity.WARNING)
             return
-        start = self._settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
+        start = self.settings.folder / f"{self.document.path.stem}{SESSION_ENDING}"
         chosen, _ = QFileDialog.getSaveFileName(
-            self._window, "Save session", str(start), f"Sessions (*{SESSION_ENDING})"
+            self.window, "Save session", str(start), f"Sessions (*{SESSION_ENDING})"
         )
         if not chosen:
             return
@@ -387,9 +386,9 @@ class Opening(QObject):
         try:
             self.store_session(path)
         except (InputError, OSError) as fault:
-            self._document.notices.say(f"The session was not saved: {fault}", Severity.ERROR)
+            self.document.notices.say(f"The session was not saved: {fault}", Severity.ERROR)
             return
-        say_saved(self._document, f"Session saved to {path}.", path)
+        say_saved(self.document, f"Session saved to {path}.", path)
 
 
 def _write_maps(session: Path, document: Document | None, of: str = "") -> list[str]:

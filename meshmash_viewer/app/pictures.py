@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from PySide6.QtGui import QGuiApplication, QImage
-from PySide6.QtWidgets import QDialog, QMainWindow
+from PySide6.QtWidgets import QDialog
 
 from meshmash_viewer.app.background import BackgroundIO, say_saved
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.opening import Opening
-from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.io.atomic import remove_left_overs
-from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.work import call_in_child
@@ -39,16 +37,9 @@ Result = TypeVar("Result")
 class Pictures:
     """Commands that save or copy the render, with their dialogs."""
 
-    def __init__(
-        self,
-        window: QMainWindow,
-        document: Document,
-        settings: Settings,
-        background_io: BackgroundIO,
-        opening: Opening,
-    ) -> None:
-        self._window, self._document, self._settings = window, document, settings
-        self._opening = opening
+    def __init__(self, opening: Opening, background_io: BackgroundIO) -> None:
+        self._opening, self._window = opening, opening.window
+        self._document, self._settings = opening.document, opening.settings
         #: Name of the mesh and path of the last saved picture; meshes of the current preview.
         self._saved: tuple[str, Path] | None = None
         self._previewed: list[weakref.ref[Mesh]] = []

@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QColorDialog,
     QFileDialog,
     QInputDialog,
-    QMainWindow,
     QMenu,
     QWidget,
 )
@@ -24,7 +23,6 @@ from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.background import BackgroundIO
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.pictures import ask
-from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.pins import PinTable, read_pins
 from meshmash_viewer.mesh import Mesh
@@ -52,18 +50,10 @@ _DIGITS = 7
 class PinCommands:
     """Commands on the pins of a document."""
 
-    def __init__(
-        self,
-        window: QMainWindow,
-        document: Document,
-        settings: Settings,
-        actions: Actions,
-        background_io: BackgroundIO,
-        opening: Opening,
-    ) -> None:
-        self._window, self._document, self._actions = window, document, actions
-        self._settings, self._background_io = settings, background_io
-        self._opening = opening
+    def __init__(self, opening: Opening, actions: Actions, background_io: BackgroundIO) -> None:
+        self._opening, self._window = opening, opening.window
+        self._document, self._settings = opening.document, opening.settings
+        self._actions, self._background_io = actions, background_io
         self._panel: ProfilePanel | None = None
         self._dragging = False
 
