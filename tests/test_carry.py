@@ -67,7 +67,10 @@ def test_labels_and_maps_of_one_mesh_are_carried_to_others(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("A.ply", "-o", "a.csv", "--labels", "A.label.gii"), "after it those that get them"),
+        (
+            ("A.ply", "-o", "a.csv", "--labels", "A.label.gii"),
+            "followed by the meshes that receive them",
+        ),
         (("A.ply", "B.ply", "-o", "a.csv"), "A has no maps: name a file"),
         (("A.ply", "B.ply", "-o", "a.xyz", "--labels", "A.label.gii"), "a.xyz"),
         (("A.ply", "B.ply", "-o", "b.annot", "--map", "x.csv"), "no map has labels"),

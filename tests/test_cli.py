@@ -507,7 +507,7 @@ def test_no_display_is_said(
         monkeypatch.delenv(name, raising=False)
     status, _, err = run(capsys)
     assert status == 2
-    assert "no display" in err
+    assert "No display is available" in err
 
 
 def test_window_gets_its_arguments(

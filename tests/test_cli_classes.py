@@ -75,7 +75,10 @@ def test_labels_alone_keep_names_and_colours(capsys: pytest.CaptureFixture[str])
     [
         ((*TRAIN, "B.ply"), "There are 2 meshes and 1 --labels"),
         ((*TRAIN, "B.ply", "--labels", "halves.csv"), "halves.csv: 'part' has values that are no"),
-        ((*TRAIN, "B.ply", "--labels", "B.csv", "--mask", "B.csv"), "--mask is of one mesh"),
+        (
+            (*TRAIN, "B.ply", "--labels", "B.csv", "--mask", "B.csv"),
+            "--mask applies to a single mesh",
+        ),
         ((*TRAIN[:-1], "model.pkl"), "give it the ending .skops"),
         ((*TRAIN[:-1], "none/model.skops"), "no folder none"),
         (("predict", "A.ply", "--model", "none.skops", "-o", "a.csv"), "none.skops does not exist"),

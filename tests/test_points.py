@@ -248,7 +248,10 @@ def test_other_bad_input(tmp_path: Path) -> None:
     table.to_csv(tmp_path / "s.csv")
     bad: list[tuple[Any, str]] = [
         (lambda: mv.read_points(tmp_path / "s.parquet"), "s.parquet is no table"),
-        (lambda: mv.read_points(tmp_path / "s.xlsx"), "s.xlsx is no table of points: give one of"),
+        (
+            lambda: mv.read_points(tmp_path / "s.xlsx"),
+            "s.xlsx is no table of points: give a file that ends in one of",
+        ),
         (lambda: mv.read_points(tmp_path / "none.csv"), "cannot be read"),
         (lambda: mv.read_points(tmp_path / "s.csv", position="q"), "s.csv has no position 'q'"),
         (lambda: mv.Points([[1.0, 2.0]]), "give positions (k, 3)"),

@@ -449,7 +449,9 @@ class Tasks(QObject):
         elif isinstance(job, DecomposeJob):
             spectrum = self._document.spectrum
             known = 0 if spectrum is None else len(spectrum.exact)
-            kept = f"; {counted(known, 'eigenpair')} that converged before stay" if known else ""
-            self._end(Notice(f"Cancelled{kept or ' before an eigenpair had converged'}."))
+            kept = (
+                f"; {counted(known, 'eigenpair')} that converged before are kept" if known else ""
+            )
+            self._end(Notice(f"Cancelled{kept or ' before any eigenpair converged'}."))
         else:
             self._end(Notice(f"Cancelled: {job.label}."))

@@ -211,7 +211,7 @@ class Commands:
         from meshmash_viewer.app.shape_source import shape_writer
 
         if self._document.spectrum is None:  # another mesh has been opened
-            text = "The shape was not saved: its mesh is not open any more."
+            text = "The shape was not saved, because its mesh has been closed."
             self._document.notices.say(text, Severity.WARNING)
             return
         self.write(path, shape_writer(self._document, path), "Shape")

@@ -92,7 +92,7 @@ class PinCommands:
 
     def _pin(self, mesh: Mesh, vertex: int, remark: str) -> None:
         if not self._document.is_shown(mesh):
-            text = "The vertex was not pinned: its mesh is not open any more."
+            text = "The vertex was not pinned, because its mesh has been closed."
             self._document.notices.say(text, Severity.WARNING)
         elif (pin := pin_at(self._document.pins.placed, vertex)) is not None:
             named = f", as {pin.name}" if pin.name else ""
@@ -152,7 +152,9 @@ class PinCommands:
         """Add imported pins if their mesh is still open, and report the rows left out."""
         document, left_out = self._document, placed.faults
         if not document.is_shown(mesh):
-            document.notices.say("No pin was set: its mesh is not open any more.", Severity.WARNING)
+            document.notices.say(
+                "No pin was set, because its mesh has been closed.", Severity.WARNING
+            )
             return
         count = counted(len(placed.pins), "pin") if placed.pins else "No pin"
         sentences = [f"{count} imported {source}.".replace(" .", ".")]

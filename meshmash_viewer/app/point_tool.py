@@ -165,7 +165,7 @@ class PointTool(QObject):
             if document.mesh is not None and document.mesh.vertices is mesh.vertices:
                 document.points.put(points)
                 if points.hash != known.get("hash", points.hash):
-                    text = f"{path} has changed since these points were open last."
+                    text = f"{path} has changed since these points were last displayed."
                     document.notices.say(text, Severity.WARNING)
 
         self._background_io.run(f"Reading {path.name}", read, take)

@@ -290,7 +290,7 @@ def _say_missing(window: MainWindow, fault: Exception) -> None:
     if isinstance(fault, ImportError):
         text = f"The render cannot be loaded ({fault}): install what is missing, start again."
         failure = Failure(text, failure.details, correctable=True)
-    window.stage.welcome.set_loading("The render is missing; the message says why.")
+    window.stage.welcome.set_loading("The render could not be loaded; see the message.")
     window.document.notices.show(notice_of(failure))
 
 

@@ -63,7 +63,7 @@ def _choose_platform(held: ExitStack) -> None:
         faults.append(fault)
     why = f" ({'; '.join(faults)})" if faults else ""
     raise InputError(
-        f"There is no display to open a window on{why}; use the commands that need none (see"
+        f"No display is available for a window{why}; use the commands that need no window (see"
         " --help), or run it under xvfb-run."
     )
 

@@ -185,8 +185,8 @@ class Restoration:
         if session.mesh_hash and mesh.content_hash != session.mesh_hash:
             if self._saved_itself:
                 self._warn(
-                    f"{document.path} has changed since it was open last: what was made on it"
-                    " then is left out."
+                    f"{document.path} has changed since it was last open: the pins, maps and"
+                    " settings of its last session are left out."
                 )
                 return
             self._warn(

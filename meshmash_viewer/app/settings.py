@@ -211,7 +211,10 @@ class LastSession(QObject):
 
     def set_aside(self, mesh_path: Path, fault: str) -> None:
         """Rename an unusable session file, and show the reason."""
-        text = f"{mesh_path.name} opens without what was made on it before. {fault}"
+        text = (
+            f"{mesh_path.name} is opened without the pins, maps and settings of its last"
+            f" session. {fault}"
+        )
         text += _set_aside(self.path(mesh_path))
         # `holds` is always True, so that opening the mesh does not withdraw the notice
         self._document.notices.show(Notice(text, Severity.WARNING, holds=lambda: True))
@@ -339,7 +342,7 @@ class LastSession(QObject):
 
     def _say_failed(self, fault: str) -> None:
         self._kept, self._kept_of_second = {}, {}  # all maps are written at the next attempt
-        text = f"What you made could not be saved for the next time: {fault}"
+        text = f"The session of this mesh (pins, maps, settings) could not be saved: {fault}"
         self._document.notices.say(text, Severity.WARNING)
 
     def _delete_oldest(self) -> None:
@@ -357,7 +360,7 @@ def _set_aside(file: Path) -> str:
         file.replace(kept)
     except OSError as error:
         return f" {file} cannot be renamed ({error.strerror})."
-    return f" That file is kept as {kept}."
+    return f" The file is kept as {kept}."
 
 
 def _is_same(one: VertexMap, other: VertexMap) -> bool:

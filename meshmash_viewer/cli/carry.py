@@ -35,7 +35,9 @@ from meshmash_viewer.vertex_map import VertexMap
 def carry(options: Namespace) -> int:
     """Transfer maps and label sets of the first mesh to the others, and write them."""
     if len(options.mesh) < 2:
-        raise InputError("carry takes the mesh of the maps, and after it those that get them.")
+        raise InputError(
+            "carry takes the mesh with the maps, followed by the meshes that receive them."
+        )
     outputs = output_paths(options.mesh[1:], options.output, "maps", f".{options.format}")
     with folder_of(options.output):
         check_map_outputs(outputs)

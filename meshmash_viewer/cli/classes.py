@@ -54,7 +54,7 @@ def train(options: Namespace) -> int:
             " give each mesh its own, in the same order."
         )
     if options.mask and len(options.mesh) > 1:
-        raise InputError("--mask is of one mesh: train on one, or without a mask.")
+        raise InputError("--mask applies to a single mesh: train on one mesh, or without a mask.")
     meshes, labels, tables = [], [], []
     columns: ClassColumns | None = None
     for path, given in zip(options.mesh, options.labels, strict=True):

@@ -245,7 +245,7 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
     pairs = solved(mesh, options, options.target)
     if not pairs.eigenvalues[-1] > 0.0:
         raise InputError(
-            f"{mesh.name}: all {counted(pairs.n_components, 'eigenpair')} are constants of its"
+            f"{mesh.name}: all {counted(pairs.n_components, 'eigenpair')} are constant on its"
             f" {counted(mesh.n_components, 'component')}, so each component would become a point:"
             " take more pairs (--count, --max-eigenvalue, --wavelength), or --largest-component."
         )

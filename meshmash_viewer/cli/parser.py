@@ -114,7 +114,7 @@ def command_parser() -> ArgumentParser:
         "--kind",
         choices=(*EXPORTS, MAPS),
         default="hks",
-        help=f"default: hks; {MAPS}: the values per vertex alone, of the mesh and of --map",
+        help=f"default: hks; {MAPS}: only the values per vertex of the mesh and of --map",
     )
     _add_families(features, EXPORTS, f"number of columns, {usual_counts(EXPORTS)}")
     add_options(features, "--tail", "--component-column", "--pieces", "--maps")

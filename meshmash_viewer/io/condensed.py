@@ -74,7 +74,7 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
     if rows.index.tolist() != list(range(-1, k)):
         raise InputError("The index of condensed features is not 0, 1, 2 and so on: sort them.")
     if int(known.max(initial=-1)) >= k:
-        raise InputError(f"Labels are up to {known.max()}, and there are {k} rows of domains.")
+        raise InputError(f"Labels are up to {known.max()}, but there are only {k} rows of domains.")
     arrays = {"X": np.asarray(rows, dtype=np.float32), "labels": known.astype(np.int32)}
     _write(path, arrays, {HEADER: features})
 

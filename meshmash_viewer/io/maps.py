@@ -232,7 +232,7 @@ def maps_and_remarks(
     try:
         raw = read_guarded(_reader(path), path)
         if not raw.maps:
-            raise InputError("has nothing at its vertices but coordinates")
+            raise InputError("has no values at its vertices except coordinates")
         found, faults = _fitting(raw.described_maps, mesh, path)
         if path.suffix.lower() == ".npz" and holds(path, "X", "labels"):
             found, said_of_domains = labelled_domains(found, mesh)
@@ -250,7 +250,7 @@ def maps_and_remarks(
         )
         raise InputError(f"{path} {clause}.") from fault
     except PermissionError as fault:
-        raise InputError(f"{path} may not be read by you; give yourself permission.") from fault
+        raise InputError(f"{path} cannot be read: give yourself read permission.") from fault
     said = () if len(raw.vertices) else raw.remarks
     here, there = brain_side(mesh.structure, mesh.name), brain_side(raw.structure, path.name)
     if {here, there} == {"left", "right"}:

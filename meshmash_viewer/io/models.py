@@ -177,7 +177,7 @@ def _check_versions(path: Path, card: dict[str, Any]) -> None:
     if written.split(".")[:2] != here.split(".")[:2]:
         raise InputError(
             f"{path} was trained with scikit-learn {printable(written, 20)}, and {here} is"
-            " installed, which may decide otherwise: train it again, or install that version."
+            " installed, which may give other results: train it again, or install that version."
         )
 
 

@@ -178,7 +178,8 @@ def _read(path: Path, *, beginning: bool = False) -> Columns:
     ending = path.suffix.lower()
     if ending not in POINT_ENDINGS:
         raise InputError(
-            f"{path.name} is no table of points: give one of {' '.join(POINT_ENDINGS)}."
+            f"{path.name} is no table of points: give a file that ends in one of"
+            f" {' '.join(POINT_ENDINGS)}."
         )
     try:
         if ending in _TEXT_ENDINGS:

@@ -283,7 +283,7 @@ def check_file(path: Path) -> None:
 
 def _no_permission(path: Path) -> InputError:
     return InputError(
-        f"{path} may not be read by you; give yourself read permission, or copy it elsewhere."
+        f"{path} cannot be read: give yourself read permission, or copy it elsewhere."
     )
 
 

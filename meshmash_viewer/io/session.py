@@ -282,7 +282,7 @@ def unpacked_mask(text: str, n: int) -> npt.NDArray[np.bool_] | None:
     except zlib.error:
         bits = b""
     if len(bits) != size:
-        raise InputError(f"vertices of a mesh that has not {n:,} of them")
+        raise InputError(f"vertices of a mesh that does not have {n:,} vertices")
     return np.unpackbits(np.frombuffer(bits, np.uint8), count=n).astype(np.bool_)
 
 

@@ -116,7 +116,7 @@ def _longest(
     damage = ", ".join(store.damage for store in stores if store.damage)
     if damage:
         damage = f"Damaged on the disk, in the stored spectrum of this mesh: {damage}."
-        damage += " Computing them again keeps the others."
+        damage += " Computing these pairs again keeps the others."
     return longest, damage, source
 
 

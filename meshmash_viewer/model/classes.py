@@ -249,12 +249,14 @@ class Classes:
         """Sentence on the missing input of a training on the current labels; "" for none."""
         known, spectrum = self._labels.current, self._opened.spectrum
         if known is None:
-            return "There is no label set to learn from: make one with New set, and label some."
+            return "There is no label set to learn from: press New set, and label some vertices."
         if known is self._labels.predicted:
-            return f"{known.name} is the prediction: choose the label set that you made."
+            return f"{known.name} is the prediction: choose the label set to learn from."
         if spectrum is None or not spectrum.complete:
             return "Classes are learned from eigenpairs: compute them in the Mesh panel first."
-        return "" if self._options.kinds else "Choose what to learn from: HKS, WKS or curvature."
+        return (
+            "" if self._options.kinds else "No features are chosen: choose HKS, WKS or curvature."
+        )
 
     @property
     def said(self) -> str:

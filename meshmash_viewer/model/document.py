@@ -360,7 +360,7 @@ class Document(OpenMesh):
         self.history.record(label, *self.history.read())  # all parts depend on the mesh
         with self.history.paused():
             self._show(ready, ready.known, before)
-        self._announce_unit(unit, "lengths are scaled, and eigenpairs are other ones")
+        self._announce_unit(unit, "lengths are scaled, and eigenpairs change")
         lost = 0 if self.pins.matched else n_pins - len(self.pins.placed)
         if lost:
             where, them = ("a vertex", "it") if lost == 1 else ("vertices", "them")

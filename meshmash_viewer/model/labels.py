@@ -175,7 +175,7 @@ class Labels:
     def join(self, keys: Sequence[int]) -> None:
         """Assign the vertices of some labels to the first label, and remove the other labels."""
         if len(keys) < 2:
-            raise InputError("Joining takes two labels or more: choose them in the list.")
+            raise InputError("At least two labels are needed to join: choose them in the list.")
         self._refuse_locked(keys)
         self._merge("joining of labels", keys[1:], keys[0])
 
@@ -184,7 +184,7 @@ class Labels:
         """Remove labels from their vertices and the set; remove a set without labels."""
         known = self._set
         if not keys:
-            raise InputError("No label is chosen: choose those to delete in the list.")
+            raise InputError("No label is chosen: choose the labels to delete in the list.")
         self._refuse_locked(keys)
         if {label.key for label in known.labels} <= set(keys):
             self._maps.remove(known.name)
@@ -202,7 +202,7 @@ class Labels:
         """
         known, mask = self._set, self._selection.mask
         if mask is None:
-            text = "Nothing is selected: select vertices, then give them to a label."
+            text = "Nothing is selected: select vertices, then assign them to a label."
             selection = self._selection
             self._notices.show(Notice(text, Severity.WARNING, holds=lambda: selection.mask is None))
             return
@@ -314,7 +314,7 @@ class Labels:
         """Return the mask of the vertices with some labels, shape (n,)."""
         mask = np.isin(self._set.values, list(keys))
         if not mask.any():
-            raise InputError("No vertex has that label yet: give it some first.")
+            raise InputError("No vertex has this label yet: assign vertices first.")
         return mask
 
     def _refuse_locked(self, keys: Iterable[int]) -> None:

@@ -224,8 +224,8 @@ class Worker:
         else:
             how = f"signal {-code}" if code < 0 else f"status {code}"
             text = (
-                f"{job.label} failed: its process ended with {how}. What had converged is kept; "
-                "compute again to go on from there."
+                f"{job.label} failed: its process ended with {how}. Converged eigenpairs are kept; "
+                "compute again to continue."
             )
         return Failure(text, details)
 

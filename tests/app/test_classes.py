@@ -271,7 +271,7 @@ def test_what_is_missing_is_said(
         patch.setattr(importlib.util, "find_spec", lambda _name: None)
         assert 'pip install "meshmash-viewer[learn]"' in refusal()
     press(window, "class_hks_check")
-    assert note(window).startswith("Choose what to learn from")
+    assert note(window).startswith("No features are chosen")
     assert not part(window, "class_classify_button").isEnabled()
 
 
@@ -297,4 +297,4 @@ def test_without_eigenpairs_nothing_is_learned_and_computing_goes_first(
     assert [each.name for each in predicted(window).labels] == ["label 1", "label 2"]
     document.labels.choose("class")
     catch_up()
-    assert note(window) == "class is the prediction: choose the label set that you made."
+    assert note(window) == "class is the prediction: choose the label set to learn from."

@@ -158,7 +158,7 @@ def test_along_the_surface_no_pairs_are_needed(panel: FieldPanel, document: Docu
     np.testing.assert_allclose(field.values, geodesic_distance(document.mesh, 70), rtol=1e-6)
     assert part(panel, "distance_measure_combo").isEnabled()
     choose(panel, "Biharmonic")
-    assert "compute more of them" in part(panel, "distance_hint").text()
+    assert "compute more eigenpairs" in part(panel, "distance_hint").text()
     assert request_of(document) is None
 
 
@@ -167,7 +167,7 @@ def test_what_is_missing_is_said(panel: FieldPanel, document: Document) -> None:
     document.pins.toggle(70)
     field = on_the_render(document, LiveFeatures())
     panel.set_field(field, Limits(0.0, 1.0))
-    assert "missing for want of eigenpairs" in part(panel, "distance_missing_label").text()
+    assert "is missing: compute more eigenpairs" in part(panel, "distance_missing_label").text()
     spectrum, family = field.request.spectrum, field.family
     QTest.mouseClick(part(panel, "distance_compute_button"), Qt.MouseButton.LeftButton)
     wanted = document.solve.target.value

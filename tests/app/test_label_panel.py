@@ -142,7 +142,7 @@ def test_digits_are_of_labels_while_the_select_tool_is_on(labelled: MainWindow) 
 def test_a_digit_says_what_it_gives_to_a_set_that_is_not_displayed(
     labelled: MainWindow, qtbot: QtBot
 ) -> None:
-    hint, other = part(labelled, "label_hint"), "The render shows another field than this set."
+    hint, other = part(labelled, "label_hint"), "The render shows another field, not this set."
     catch_up()
     assert other not in hint.text()
     labelled.add_map("thickness", MESH.vertices[:, 2])
@@ -448,7 +448,7 @@ def test_regions_are_measured_looked_at_and_exported(
     # a change since the measurement is reported
     document.labels.delete([2])
     catch_up()
-    assert part(labelled, "region_hint").text().startswith("The labels have changed since")
+    assert part(labelled, "region_hint").text().startswith("The table is of other labels")
     document.history.undo()
     catch_up()
     assert part(labelled, "region_hint").isHidden()

@@ -219,7 +219,9 @@ def test_what_is_damaged_is_said_and_kept(
     window = opened(open_window(), path, qtbot)
     notice = window.stage.message_bar.notice
     assert notice is not None
-    assert notice.text.startswith("balls.npz opens without what was made on it before.")
+    assert notice.text.startswith(
+        "balls.npz is opened without the pins, maps and settings of its last session."
+    )
     (kept,) = (folder / "sessions").glob("*.meshmash.unreadable")
     assert kept.read_bytes() == half
 

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ab
 NAMES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 #: A number too high for any X11 server.
 GONE = {"DISPLAY": ":4711"}
-WITHOUT = "There is no display to open a window on"
+WITHOUT = "No display is available for a window"
 VIEWED = """
     import json, os, sys
     import meshmash_viewer as mv
@@ -76,7 +76,7 @@ def run(script: str, *arguments: str, **variables: str) -> list[str]:
 @pytest.mark.parametrize(
     ("variables", "named"),
     [
-        ({}, f"{WITHOUT}; use the commands that need none"),
+        ({}, f"{WITHOUT}; use the commands that need no window"),
         (GONE, r"\(DISPLAY=:4711 does not answer\)"),
         ({"DISPLAY": ":4711.3"}, "DISPLAY=:4711.3 does"),
         ({"DISPLAY": "unix:4711"}, "DISPLAY=unix:4711 does"),

@@ -111,7 +111,10 @@ def test_cancelling_keeps_what_has_converged(session: Session) -> None:
     assert document.work.job.cancelling
     session.wait_until_idle()
     assert 0 < len(document.spectrum) < 1500
-    assert f" {len(document.spectrum)} eigenpairs that converged before stay" in session.last().text
+    assert (
+        f" {len(document.spectrum)} eigenpairs that converged before are kept"
+        in session.last().text
+    )
     document.solve.target = Target("count", 10)
     document.solve.compute()
     session.wait_until_idle()
@@ -127,7 +130,7 @@ def test_cancelling_before_the_first_pair_says_that_there_is_none(session: Sessi
     document.work.cancel()
     session.wait_until_idle()
     assert document.spectrum is None
-    assert session.last().text == "Cancelled before an eigenpair had converged."
+    assert session.last().text == "Cancelled before any eigenpair converged."
 
 
 def test_another_mesh_takes_the_place_of_a_running_job(session: Session, neuron_file: Path) -> None:

@@ -142,7 +142,7 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "few rows": (
         lambda path: mv.write_condensed_features(path, table(3), LABELS),
-        "Labels are up to 3, and there are 3 rows",
+        "Labels are up to 3, but there are only 3 rows",
     ),
     "index": (
         lambda path: mv.write_condensed_features(path, table()[::-1], LABELS),

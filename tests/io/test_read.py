@@ -809,11 +809,11 @@ def test_no_permission(tmp_path: Path) -> None:
     write_obj(path)
     path.chmod(0)
     if os.geteuid() != 0:
-        assert "may not be read" in fault_of(path)
+        assert "cannot be read: give yourself" in fault_of(path)
         return
     os.seteuid(65534)  # root may read all files; user 65534 (nobody) may not
     try:
-        assert "may not be read" in fault_of(path)
+        assert "cannot be read: give yourself" in fault_of(path)
     finally:
         os.seteuid(0)
 

@@ -230,9 +230,9 @@ def test_a_map_without_a_mesh_is_named() -> None:
         (lambda labels: labels.assign_nth(4), "no label 4, as there are 2 labels: make one"),
         (lambda labels: labels.rename(1, "  "), "A label needs a name: type one."),
         (lambda labels: labels.recolor(1, "blue"), "'blue' is not a colour"),
-        (lambda labels: labels.join([1]), "Joining takes two labels or more"),
+        (lambda labels: labels.join([1]), "At least two labels are needed to join"),
         (lambda labels: labels.delete([]), "No label is chosen"),
-        (lambda labels: labels.select([1]), "No vertex has that label yet"),
+        (lambda labels: labels.select([1]), "No vertex has this label yet"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(

@@ -73,7 +73,7 @@ FORMATS = (
 #: Kind of an export without features or eigenpairs.
 _MAPS = "maps"
 #: Note on the rows of a mesh from which vertices were removed.
-_ROWS = " Rows have the index of their vertex in the file."
+_ROWS = " Rows contain the index of their vertex in the file."
 
 
 class ExportDialog(SaveDialog):

@@ -83,7 +83,8 @@ class ClassSection(QWidget):
         )  # fmt: skip
         self.uncertainty_button = make.button(
             "Uncertainty", "class_uncertainty_button", "Show where the prediction is uncertain",
-            classes.show_uncertainty, tip="Shows where another label would help most",
+            classes.show_uncertainty, tip=
+                "Shows where another label would improve the result most",
         )  # fmt: skip
         self.note = note("class_note")
         self.importance = ImportancePlot(document)

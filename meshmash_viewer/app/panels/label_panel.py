@@ -103,15 +103,15 @@ class LabelPanel(QWidget):
         )  # fmt: skip
         self.delete_button = make.button(
             "Delete", "label_delete_button", "Delete the chosen labels",
-            lambda: labels.delete(table.chosen), tip="Their vertices have no label then",
+            lambda: labels.delete(table.chosen), tip="Their vertices will have no label",
         )  # fmt: skip
         self.give_button = make.button(
-            "Assign", "label_assign_button", "Give the selection to the chosen label",
+            "Assign", "label_assign_button", "Assign the selection to the chosen label",
             lambda: labels.assign(table.chosen[0]),
             tip="The selected vertices get the chosen label; so do keys 1 to 9",
         )  # fmt: skip
         self.clear_button = make.button(
-            "Clear", "label_clear_button", "Take the selected vertices out of their labels",
+            "Clear", "label_clear_button", "Remove the labels of the selected vertices",
             lambda: labels.assign(None),
         )  # fmt: skip
         self.select_button = make.button(
@@ -135,7 +135,7 @@ class LabelPanel(QWidget):
         self.whole_check = make.check(
             "Whole labels", "region_whole_check", "Measure whole labels, not their connected parts",
             self.lambda_check.setDisabled,
-            tip="One row a label, without neck and λ₂, which are of connected parts",
+            tip="One row for each label, without neck and λ₂, which only connected parts have",
         )  # fmt: skip
         self.export_button = make.button(
             "Export…", "region_export_button", "Export the table of regions", self._export
@@ -221,9 +221,9 @@ class LabelPanel(QWidget):
             return
         first, locked = shown[0], all(each.locked for each in shown)
         row, lock = self.table.labels.index(first), "Unlock" if locked else "Lock"
-        menu = theme.named(QMenu(self), "label_menu", "What can be done with these labels")
+        menu = theme.named(QMenu(self), "label_menu", "Menu of the chosen labels")
         for name, text, act, alone in (
-            ("assign", "Give it the selection", lambda: labels.assign(first.key), True),
+            ("assign", "Assign the selection", lambda: labels.assign(first.key), True),
             ("select", "Select its vertices", lambda: labels.select(chosen), False),
             ("isolate", "Isolate", lambda: labels.isolate(chosen), False),
             ("rename", "Rename", lambda: self.table.edit_name(row), True),
@@ -286,7 +286,7 @@ class LabelPanel(QWidget):
         if not there:
             text = "Press Measure for a table of the connected parts of each label."
         elif known is not labels.regions_of:
-            text = "The labels have changed since, or another set is shown: press Measure."
+            text = "The table is of other labels than the current ones: press Measure."
         show_note(self.region_hint, text)
         theme.change_role(self.region_hint, "warning" if there else "muted")
 
@@ -297,7 +297,7 @@ class LabelPanel(QWidget):
             text = "Open a mesh to label its parts."
         elif labels.current is None:
             text = (
-                "Press New set, select vertices on the mesh, and give them to a label with its"
+                "Press New set, select vertices on the mesh, and assign them to a label with its"
                 " key; or open a file with labels."
             )
         elif mask is None:
@@ -306,7 +306,7 @@ class LabelPanel(QWidget):
             count = counted(int(np.count_nonzero(mask)), "vertex")
             text = f"{count} selected: press a label's key."
         if labels.current is not None and not labels.current_is_displayed:
-            text += " The render shows another field than this set."
+            text += " The render shows another field, not this set."
         show_note(self.hint, text)
 
     def _refresh_buttons(self) -> None:

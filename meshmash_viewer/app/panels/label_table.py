@@ -159,13 +159,13 @@ class LabelTable(Table):
     def tip(self, row: int, column: int) -> str:
         label = self.labels[row]
         if column == COLOR:
-            key = f"; key {row + 1} gives it the selection" if row < KEYS else ""
+            key = f"; key {row + 1} assigns the selection to the label" if row < KEYS else ""
             return f"Colour {label.color}: click to change it{key}"
         if column == SHOWN:
             return "Hidden: click to show it" if self.is_hidden(row) else "Shown: click to hide it"
         if column == LOCK:
-            text = "Locked: its vertices are given to no other label"
-            return text if label.locked else "Not locked: click to keep its vertices"
+            text = "Locked: its vertices cannot be assigned to another label"
+            return text if label.locked else "Not locked: click to lock its vertices"
         text = self.text(row, column)
         if column == NAME and self._sizes is not None:
             return f"{text}: {counted(int(self._sizes.counts[row]), 'vertex')}"

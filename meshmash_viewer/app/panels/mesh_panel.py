@@ -152,7 +152,7 @@ class MeshPanel(QWidget):
             return
         mesh, health = ready.mesh, ready.health
         self.name_label.setText(mesh.name or "Mesh in memory")
-        where = shown_path(ready.path) if ready.path else "handed over in memory"
+        where = shown_path(ready.path) if ready.path else "in memory, not in a file"
         self.path_label.setToolTip(where)
         self.path_label.setText(
             self.path_label.fontMetrics().elidedText(where, Qt.TextElideMode.ElideMiddle, 244)
@@ -178,12 +178,12 @@ class MeshPanel(QWidget):
             "Compute eigenpairs on the selected vertices",
             lambda: document.take_part(document.selection.mask, then_compute=True),
             role="link",
-            tip="As if the rest were cut off: the boundary is free, and all else has no value",
+            tip="The boundary of the part is free; other vertices have no value",
         )
         self.whole_button = make.button(
             "On the whole mesh",
             "compute_whole_button",
-            "Use the eigenpairs of the whole mesh again, and compute what is missing",
+            "Return to the eigenpairs of the whole mesh, and compute the missing ones",
             lambda: document.take_part(None, then_compute=True),
             role="link",
         )
@@ -222,7 +222,7 @@ class MeshPanel(QWidget):
             "Mollify factor",
             step=quarter_steps,
             share=True,
-            tip="How far edges are lengthened, relative to their mean, so that no triangle is "
+            tip="Length added to edges, relative to the mean edge length, so that no triangle is "
             "degenerate (no unit; 1e-05 suits nearly every mesh)",
         )
         self.mollify_spin.setFixedWidth(96)

@@ -53,8 +53,8 @@ class SelectBar(QToolBar):
         self.low, self.high = (
             NumberField(f"select_{name}", f"{text} end of the range", tip=tip)
             for name, text, tip in (
-                ("low", "Lower", "From this value on; – for all below the handle above"),
-                ("high", "Upper", "Up to this value; – for all above the handle below"),
+                ("low", "Lower", "Lower end of the range; – for no lower end"),
+                ("high", "Upper", "Upper end of the range; – for no upper end"),
             )
         )
         self.low.fault = lambda low: self._fault(low, self._tool.range[1])
@@ -65,9 +65,9 @@ class SelectBar(QToolBar):
             field.setFixedWidth(110)
             field.refused.connect(self._say)
         self.connected = make.check(
-            "Connected", "select_connected", "Only what is connected with the pin",
+            "Connected", "select_connected", "Only the part connected with the pin",
             tool.set_connected,
-            tip="Select only what is connected with the pinned vertex",
+            tip="Select only vertices connected with the pinned vertex",
         )  # fmt: skip
         to = make.muted(" Up to ")
         #: Controls of each mode.

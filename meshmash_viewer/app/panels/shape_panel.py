@@ -50,7 +50,8 @@ class ShapePanel(QWidget):
             "shape_check",
             "Draw the mesh from its lowest eigenfunctions",
             lambda on: self._change(shown=on),
-            tip="The coordinates as a sum over the lowest eigenfunctions, weighted by area",
+            tip="The coordinates as sums of the lowest eigenfunctions (projection with area"
+            " weights)",
         )
         what = "Number of the lowest eigenfunctions"
         self.slider = self._slider("pairs", what, self._choose_pairs)
@@ -76,7 +77,7 @@ class ShapePanel(QWidget):
         self.swing_button = make.button(
             "Vibrate",
             "shape_vibrate_button",
-            "Vibrate: swing along the normals by the field on the render",
+            "Vibrate: move the vertices along their normals by the displayed field",
             lambda on: setattr(self._document.display, "vibrating", on),
             checkable=True,
         )
@@ -180,9 +181,9 @@ class ShapePanel(QWidget):
         components = ready.health.n_components
         if shown and count <= components and components > 1:
             return (
-                f"{counted(components, 'component')} take one constant each: with no more than"
-                " these, they are points."
+                f"The first {counted(components, 'pair')} are constant on each component, and draw"
+                " it as a point: use more pairs."
             )
         if shown and spectrum is not None and spectrum.preview:
-            return "From approximate eigenpairs: the shape changes as the exact ones come."
+            return "Computed from approximate pairs: the shape changes when exact pairs converge."
         return ""

@@ -27,7 +27,7 @@ class SpectrumPanel(PlotPanel):
     def __init__(self, document: Document) -> None:
         super().__init__(document, "spectrum", "Spectrum")
         choices = {"eigenvalues": "Eigenvalues", "responses": "Filters"}
-        self.view_choice = make.Segments("spectrum_view", "What the spectrum shows", choices)
+        self.view_choice = make.Segments("spectrum_view", "Content of the spectrum plot", choices)
         self.view_choice.chosen.connect(self._show_view)
         self.log_check = make.check(
             "Log λ", "spectrum_log_check", "Eigenvalues in log scale", self._set_log

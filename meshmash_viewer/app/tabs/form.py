@@ -221,7 +221,7 @@ class ParameterRow(QWidget):
             labels = {key: str(label) for key, label in kind.labels.items()}
             self.control = make.combo(f"{name}_combo", text, take, labels, tip=declared.tip)
         else:
-            assert isinstance(kind, Number), "other kinds have a tab of their own"
+            assert isinstance(kind, Number), "other kinds have their own tabs"
             self.control = NumberField(f"{name}_field", text)
             self.control.bounds = kind.least, kind.most
             self.control.setToolTip(declared.tip)

@@ -70,7 +70,7 @@ class MapTab(FamilyTab):
             "Add map…", "map_add_button", "Add maps from files", self._add
         )
         self.remove_button = make.button(
-            "Remove", "map_remove_button", "Take the map away from the mesh", self._remove
+            "Remove", "map_remove_button", "Remove the map from the mesh", self._remove
         )
         self.facts, self.shares = Facts(_FACTS), Facts(_SHARES)
         self.views = make.Segments("map_view", "Displayed part of the map", VIEWS, in_row=3)
@@ -268,11 +268,11 @@ class MapTab(FamilyTab):
         show_note(self.meaning, "" if known is None else _meaning(known, count))
         hint = ""
         if labelled:
-            hint = "Labels are names, not numbers: they have no spectrum."
+            hint = "Labels are names, not numbers, so they have no spectrum."
         elif not usable:
             hint = "Compute eigenpairs to see the spectrum of the map."
         elif spectrum.preview:
-            hint = "From approximate eigenpairs: the numbers change as the exact ones come."
+            hint = "Computed from approximate pairs: the numbers change when exact pairs converge."
         show_note(self.hint, hint)
 
     def _missing(self, spectrum: Eigenpairs) -> str:

@@ -170,7 +170,7 @@ class DistanceTab(PinChooser):
         spectrum = field.request.spectrum
         sufficient = family.sufficient(spectrum, typical) if family.needs_pairs else None
         share = percent(family.missing(spectrum, typical))
-        text = f"About {share} of a typical distance is missing for want of eigenpairs."
+        text = f"About {share} of a typical distance is missing: compute more eigenpairs."
         show_note(self.missing_note, "" if sufficient is None else text)
         self.compute_button.show_target(sufficient)
 

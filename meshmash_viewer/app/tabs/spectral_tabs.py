@@ -156,7 +156,7 @@ def _converged(spectrum: Eigenpairs) -> str:
 def _multiplet(spectrum: Eigenpairs, index: int, zeros: int) -> str:
     if index < zeros:
         if zeros == 1:
-            return "Zero mode: constant over the surface, which is in one piece."
+            return "Zero mode: constant, because the surface is connected."
         return (
             f"λ₀…λ{subscript(zeros - 1)} are zero: one constant function for each of "
             f"{counted(zeros, 'component')}; any combination of them is an eigenfunction too."
