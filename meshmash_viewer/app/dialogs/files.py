@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QMimeDatabase, Qt, Signal
@@ -29,6 +31,8 @@ from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.maps import MAP_ENDINGS
 from meshmash_viewer.io.read import READERS
 from meshmash_viewer.io.write import check_output
+from meshmash_viewer.io.write_labels import write_labels
+from meshmash_viewer.io.writers import LABEL_WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import failure_of
 
@@ -206,6 +210,27 @@ def ask_to_save(
     suggested = str(suggested_path(document, name))
     path, _ = QFileDialog.getSaveFileName(parent, f"Export {what}", suggested, pattern)
     return Path(path) if path else None
+
+
+def save_labels(
+    parent: QWidget,
+    document: Document,
+    write: Callable[..., object],
+    chosen: Collection[int] = (),
+) -> None:
+    """Ask for a file, then call `write` to write the current label set, as `Commands.write`.
+
+    `chosen` contains the numbers of the chosen labels; a file for a single label gets this label.
+    """
+    known, mesh = document.labels.current, document.mesh
+    if known is not None and mesh is not None:
+        name = f"{known.name}.label.gii"
+        path = ask_to_save(parent, document, "labels", name, "Labels", LABEL_WRITERS)
+        if path is not None:
+            labels = tuple(each for each in known.labels if each.key in chosen)
+            if path.name.endswith(".label") and len(labels) == 1:
+                known = replace(known, labels=labels)
+            write(path, partial(write_labels, path, known, mesh), "Labels")
 
 
 def suggested_path(document: Document, name: str, folder: Path | None = None) -> Path:

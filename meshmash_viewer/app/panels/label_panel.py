@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import replace
 from functools import partial
 from operator import is_
 from typing import TYPE_CHECKING, TypeAlias
@@ -17,7 +15,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import PANEL, column, note, row, show_note, show_quietly
-from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save
+from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save, save_labels
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.class_section import ClassSection
 from meshmash_viewer.app.panels.label_table import LabelTable, given_to_label
@@ -25,8 +23,8 @@ from meshmash_viewer.app.panels.point_section import PointSection
 from meshmash_viewer.app.panels.region_table import RegionTable
 from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.io.links import folder_of
-from meshmash_viewer.io.write_labels import write_labels, write_regions
-from meshmash_viewer.io.writers import LABEL_WRITERS, SPECTRUM_WRITERS
+from meshmash_viewer.io.write_labels import write_regions
+from meshmash_viewer.io.writers import SPECTRUM_WRITERS
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -332,24 +330,3 @@ class LabelPanel(QWidget):
         """Wait until the thread has ended."""
         super().closeEvent(event)
         self._thread.close()
-
-
-def save_labels(
-    parent: QWidget,
-    document: Document,
-    write: Callable[..., object],
-    chosen: Collection[int] = (),
-) -> None:
-    """Ask for a file, then call `write` to write the current label set, as `Commands.write`.
-
-    `chosen` contains the numbers of the chosen labels; a file for a single label gets this label.
-    """
-    known, mesh = document.labels.current, document.mesh
-    if known is not None and mesh is not None:
-        name = f"{known.name}.label.gii"
-        path = ask_to_save(parent, document, "labels", name, "Labels", LABEL_WRITERS)
-        if path is not None:
-            labels = tuple(each for each in known.labels if each.key in chosen)
-            if path.name.endswith(".label") and len(labels) == 1:
-                known = replace(known, labels=labels)
-            write(path, partial(write_labels, path, known, mesh), "Labels")

@@ -15,10 +15,9 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.document_controls import UnitCombo
 from meshmash_viewer.app.controls.make import PANEL, column, row
-from meshmash_viewer.app.dialogs.files import ask_to_save
+from meshmash_viewer.app.dialogs.files import ask_to_save, save_labels
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
-from meshmash_viewer.app.panels.label_panel import save_labels
 from meshmash_viewer.app.plots.panel import PlotSaver
 from meshmash_viewer.app.plots.plot import MatrixView, Plot, Series, dashed, solid
 from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
