@@ -76,17 +76,17 @@ def run(packages: Path, *command: str, cwd: Path) -> subprocess.CompletedProcess
     )
 
 
-def write_asc(path: Path, mesh: Mesh) -> None:
-    lines = ["#!ascii version of a ball", f"{mesh.n_vertices} {mesh.n_faces}"]
-    for rows in (mesh.vertices.tolist(), mesh.faces.tolist()):
-        lines += [f"{a!r} {b!r} {c!r} 0" for a, b, c in rows]
-    path.write_text("\n".join(lines))
+def write_medit(path: Path, mesh: Mesh) -> None:
+    lines = ["MeshVersionFormatted 2", "Dimension 3"]
+    for name, rows in (("Vertices", mesh.vertices), ("Triangles", mesh.faces + 1)):
+        lines += [name, str(len(rows)), *(f"{a!r} {b!r} {c!r} 0" for a, b, c in rows.tolist())]
+    path.write_text("\n".join([*lines, "End"]))
 
 
 def test_a_plug_in_reads_computes_and_writes(good: Path, tmp_path: Path) -> None:
     ball = shapes.icosphere(3)
-    write_asc(tmp_path / "ball.asc", ball)
-    command = ("features", "ball.asc", "--kind", "wavelets", "--n-components", "5")
+    write_medit(tmp_path / "ball.mesh", ball)
+    command = ("features", "ball.mesh", "--kind", "wavelets", "--n-components", "5")
     options = ("--count", "36", "--no-cache", "--json", "-o", "out.tsv")
     done = run(good, *command, *options, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -101,10 +101,12 @@ def test_a_plug_in_reads_computes_and_writes(good: Path, tmp_path: Path) -> None
 
 
 def test_a_plug_in_is_read_in_a_process_of_its_own_too(good: Path, tmp_path: Path) -> None:
-    write_asc(tmp_path / "ball.asc", shapes.icosphere(1))
+    write_medit(tmp_path / "ball.mesh", shapes.icosphere(1))
     code = "import sys; from pathlib import Path; from meshmash_viewer.io.raw import *\n"
     code += "from meshmash_viewer.io.read import READERS\n"
-    code += "raw = read_guarded(READERS['.asc'], Path('ball.asc'))\nprint(len(raw.faces), raw.unit)"
+    code += (
+        "raw = read_guarded(READERS['.mesh'], Path('ball.mesh'))\nprint(len(raw.faces), raw.unit)"
+    )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(good), str(ROOT)])}
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
@@ -113,17 +115,17 @@ def test_a_plug_in_is_read_in_a_process_of_its_own_too(good: Path, tmp_path: Pat
 
 @pytest.mark.slow
 def test_a_file_that_a_plug_in_cannot_read_is_one_sentence(good: Path, tmp_path: Path) -> None:
-    (tmp_path / "ball.asc").write_text("#!ascii\n3 1\n0 0 0 0\n")
-    done = run(good, "info", "ball.asc", cwd=tmp_path)
+    (tmp_path / "ball.mesh").write_text("Vertices 3\n0 0 0 0\n")
+    done = run(good, "info", "ball.mesh", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert "ball.asc" in done.stderr
+    assert "ball.mesh" in done.stderr
 
 
 @pytest.mark.slow
 def test_the_report_lists_them(good: Path, tmp_path: Path) -> None:
     told = " ".join(run(good, "--info", cwd=tmp_path).stdout.split())
-    for name in ("fields : wavelets", "readers : .asc", "writers : .tsv"):
+    for name in ("fields : wavelets", "readers : .mesh", "writers : .tsv"):
         assert f"Plug-in, {name} of meshmash-wavelets 1.0" in told
 
 

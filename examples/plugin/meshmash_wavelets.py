@@ -1,4 +1,4 @@
-"""A plug-in: spectral graph wavelet signatures, FreeSurfer's ASCII surfaces, tables with tabs."""
+"""A plug-in: spectral graph wavelet signatures, text files of Medit, tables with tabs."""
 
 from dataclasses import dataclass
 
@@ -52,13 +52,17 @@ class Wavelets(BankColumns):
         return f'__import__("meshmash_wavelets").wavelet_bank({arguments})'
 
 
-def read_asc(path):
-    """Vertices and faces of a surface as ``mris_convert`` writes it in ASCII."""
-    with path.open() as file:
-        file.readline()  # who made it
-        n, m = map(int, file.readline().split())
-        rows = np.loadtxt(file, max_rows=n + m)
-    return mv.Mesh(rows[:n, :3], rows[n:, :3].astype(np.int64), unit="mm")
+def read_medit(path):
+    """Vertices and triangles of a text file of Medit, whose indices begin with 1."""
+    words = path.read_text().split()
+
+    def rows(keyword):
+        at = words.index(keyword)
+        count = int(words[at + 1])
+        return np.array(words[at + 2 : at + 2 + 4 * count], dtype=float).reshape(count, 4)
+
+    vertices, triangles = rows("Vertices"), rows("Triangles")
+    return mv.Mesh(vertices[:, :3], triangles[:, :3].astype(np.int64) - 1, unit="mm")
 
 
 def write_tsv(path, table):
