@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+import shiboken6
+from PySide6.QtCore import QCoreApplication, QEvent
 from PySide6.QtGui import QGuiApplication, QScreen
 
 from meshmash_viewer.app.listening import catch_up
@@ -101,3 +103,12 @@ def test_lines_are_as_wide_on_a_dense_screen(qapp, monkeypatch) -> None:
     assert solid("#000000", 1.5).widthF() == 2.0 * width
     with scaled_pens(1.0):  # as in a saved picture
         assert solid("#000000", 1.5).widthF() == 1.5
+
+
+def test_the_menu_of_pyqtgraph_ends_with_the_plot(qapp) -> None:
+    plot = Plot("plot", "A plot")
+    menu = plot.plotItem.ctrlMenu
+    assert not menu.isVisible()
+    plot.deleteLater()
+    QCoreApplication.sendPostedEvents(plot, QEvent.Type.DeferredDelete)
+    assert not shiboken6.isValid(menu)

@@ -210,6 +210,9 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph ships no types
         self.setMinimumSize(120, 110)
         self.setAntialiasing(True)
         self.hideButtons()
+        # pyqtgraph makes the menu without a parent, so it would outlive the plot
+        menu = self.plotItem.ctrlMenu
+        menu.setParent(self, menu.windowFlags())
         self.fit_button = QToolButton(self)
         fit, tip = f"Fit the plot: {accessible_name}", "Show all drawn data"
         theme.named(self.fit_button, f"{name}_fit_button", fit, tip=tip)
