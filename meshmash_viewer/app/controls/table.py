@@ -54,7 +54,7 @@ class Table(QTableView):
         """Return whether a column contains numbers, which are right-aligned."""
         raise NotImplementedError
 
-    def text(self, row: int, column: int) -> str:
+    def cell_text(self, row: int, column: int) -> str:
         raise NotImplementedError
 
     def icon(self, row: int, column: int) -> QIcon | None:
@@ -116,7 +116,7 @@ class _Rows(QAbstractTableModel):
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         table, roles, cell = self._table, Qt.ItemDataRole, (index.row(), index.column())
         if role in (roles.DisplayRole, roles.EditRole):
-            return table.text(*cell)
+            return table.cell_text(*cell)
         if role == roles.TextAlignmentRole:
             return self._alignment(index.column())
         if role == roles.DecorationRole:

@@ -143,7 +143,7 @@ class LabelTable(Table):
     def is_hidden(self, row: int) -> bool:
         return self._sizes is not None and bool(self._sizes.hidden[row])
 
-    def text(self, row: int, column: int) -> str:
+    def cell_text(self, row: int, column: int) -> str:
         label = self.labels[row]
         if column == COLOR:
             return str(row + 1) if row < KEYS else ""
@@ -166,7 +166,7 @@ class LabelTable(Table):
         if column == LOCK:
             text = "Locked: its vertices cannot be assigned to another label"
             return text if label.locked else "Not locked: click to lock its vertices"
-        text = self.text(row, column)
+        text = self.cell_text(row, column)
         if column == NAME and self._sizes is not None:
             return f"{text}: {counted(int(self._sizes.counts[row]), 'vertex')}"
         return text

@@ -185,7 +185,7 @@ class PinTable(Table):
     def icon(self, row: int, column: int) -> QIcon | None:
         return make.dot(self.pins[row].color) if column == _NUMBER else None
 
-    def text(self, row: int, column: int) -> str:
+    def cell_text(self, row: int, column: int) -> str:
         pin = self.pins[row]
         mesh, field = self._document.mesh, self.field
         if column == _NUMBER:

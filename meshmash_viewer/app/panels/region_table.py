@@ -96,7 +96,7 @@ class RegionTable(Table):
         color = self._colors.get(str(self.table["label"][row]), "#808080") if self.table else ""
         return None if column else make.dot(color)
 
-    def text(self, row: int, column: int) -> str:
+    def cell_text(self, row: int, column: int) -> str:
         if column == 0:
             return self.tip(row, column)
         name, value = self._columns[column - 1], self.sort_key(row, column)
