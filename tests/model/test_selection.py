@@ -100,5 +100,5 @@ def test_a_mask_is_written_packed(document: Document) -> None:
     mask = of(document, 0, 7, 8, 300)
     assert np.array_equal(unpacked_mask(packed_mask(mask), len(mask)), mask)
     assert unpacked_mask(packed_mask(None), 10) is None
-    with pytest.raises(InputError, match="that has not 99 of them"):
+    with pytest.raises(InputError, match="does not have 99 vertices"):
         unpacked_mask(packed_mask(mask), 99)
