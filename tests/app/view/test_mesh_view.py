@@ -62,7 +62,7 @@ def field(values: np.ndarray, title: str = "Eigenfunction 5") -> SimpleNamespace
         values=values.astype(np.float32),
         title=title,
         description=lambda _lines: "λ₅ = 1 nm⁻²",
-        formula="L φ = λ M φ",
+        family=SimpleNamespace(definition="L φ = λ M φ"),
         beyond=lambda _limits: (False, False),
         line_spacing=0.0,
         unit="nm⁻¹",
