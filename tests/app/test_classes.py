@@ -127,6 +127,7 @@ def note(window: MainWindow) -> str:
     return str(part(window, "class_note").text())
 
 
+@pytest.mark.slow
 def test_painted_labels_become_classes_of_all(painted: MainWindow, qtbot: QtBot) -> None:
     document = painted.document
     press(painted, "class_classify_button")
@@ -184,6 +185,7 @@ def test_painted_labels_become_classes_of_all(painted: MainWindow, qtbot: QtBot)
     assert note(painted).endswith(OUTDATED), "the first prediction had other options"
 
 
+@pytest.mark.slow
 def test_live_classes_follow_the_labels_through_undo(painted: MainWindow, qtbot: QtBot) -> None:
     document, history = painted.document, painted.document.history
     press(painted, "class_live_check")
@@ -275,6 +277,7 @@ def test_what_is_missing_is_said(
     assert not part(window, "class_classify_button").isEnabled()
 
 
+@pytest.mark.slow
 def test_without_eigenpairs_nothing_is_learned_and_computing_goes_first(
     open_window: Callable[..., MainWindow], qtbot: QtBot
 ) -> None:

@@ -60,6 +60,7 @@ def test_other_words_find_it(window: MainWindow) -> None:
     close(dialog)
 
 
+@pytest.mark.slow
 def test_every_command_and_family_is_found_by_its_name(window: MainWindow) -> None:
     dialog = palette(window)
     names = [each.text.rstrip("…") for each in COMMANDS if each.name != "command_palette"]

@@ -76,6 +76,7 @@ def type_path(dialog: SaveDialog, path: Path) -> None:
     QTest.keyClicks(edit, str(path))
 
 
+@pytest.mark.slow
 def test_a_picture_that_cannot_be_written_leaves_the_dialog_as_it_was(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
@@ -104,6 +105,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_dialog_as_it_was(
     again.reject()
 
 
+@pytest.mark.slow
 def test_a_picture_has_the_width_of_a_journal_and_is_previewed(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

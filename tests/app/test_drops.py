@@ -109,6 +109,7 @@ def test_a_drag_shows_what_a_drop_does(qtbot: QtBot, window: MainWindow, files: 
     QApplication.sendEvent(window, QDragLeaveEvent())
 
 
+@pytest.mark.slow
 def test_the_right_half_opens_the_second_mesh(
     qtbot: QtBot, window: MainWindow, files: dict
 ) -> None:
@@ -128,6 +129,7 @@ def test_the_right_half_opens_the_second_mesh(
     assert not window.document.mesh.maps
 
 
+@pytest.mark.slow
 def test_two_meshes_are_compared_each_with_its_maps(
     qtbot: QtBot, window: MainWindow, files: dict, tmp_path: Path
 ) -> None:

@@ -235,6 +235,7 @@ def test_a_library_that_cannot_be_loaded_is_said(
     window.close()
 
 
+@pytest.mark.slow
 def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(
     qtbot: QtBot, shown: MainWindow
 ) -> None:
@@ -255,6 +256,7 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(
     painter.close()
 
 
+@pytest.mark.slow
 def test_a_crash_of_a_driver_is_said_and_the_next_picture_is_drawn(
     qtbot: QtBot, shown: MainWindow
 ) -> None:

@@ -86,6 +86,7 @@ def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> 
     assert display.fields["band"].index == 2
 
 
+@pytest.mark.slow
 def test_distances_have_a_picture_for_each_pin(qtbot: QtBot, window: MainWindow) -> None:
     document = window.document
     document.display.kind = "distance"
@@ -167,6 +168,7 @@ def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path:
     assert min(shares) > 0.02
 
 
+@pytest.mark.slow
 def test_options_of_a_saved_picture_are_offered_again(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
@@ -220,6 +222,7 @@ def test_cancel_and_closing_leave_no_file(qtbot: QtBot, window: MainWindow, tmp_
     assert not again.isVisible()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_of_zeros_alone_is_said(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:

@@ -15,6 +15,7 @@ from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QColorDialog, QFileDialog, QLineEdit, QMenu, QTableView
 from pytestqt.qtbot import QtBot
+from tiers import slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.listening import catch_up
@@ -347,6 +348,7 @@ def test_borders_are_drawn_over_another_field(labelled: MainWindow, qtbot: QtBot
     np.testing.assert_array_equal(scene.picture((300, 300)), before)
 
 
+@pytest.mark.slow
 def test_the_graph_of_labels_is_drawn_over_any_field(labelled: MainWindow, qtbot: QtBot) -> None:
     document, scene, action = labelled.document, labelled.scene, labelled.actions_["label_graph"]
     z = MESH.vertices[:, 2]
@@ -468,7 +470,10 @@ def test_regions_are_measured_looked_at_and_exported(
     assert colors() == before
 
 
-@pytest.mark.parametrize("name", ["a.label.gii", "a.annot", "a.label", "a.csv", "a.npz", "a.ply"])
+@pytest.mark.parametrize(
+    "name",
+    slow_but(["a.annot"], ["a.label.gii", "a.annot", "a.label", "a.csv", "a.npz", "a.ply"]),
+)
 def test_a_set_is_saved_and_opened_again(
     name: str, labelled: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -522,6 +527,7 @@ def write_numbers(path: Path, numbers: np.ndarray) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.label.gii", "a.csv", "a.npy"])
 def test_numbers_without_names_are_opened_as_a_label_set(
     name: str, labelled: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -145,6 +145,7 @@ def test_a_changed_file_is_opened_without_what_was_made_on_the_old_one(
     assert "has changed" in notice.text
 
 
+@pytest.mark.slow
 def test_maps_of_files_and_the_part_are_there_again_and_no_step_to_undo(
     open_window: Callable[..., MainWindow],
     folder: Path,
@@ -295,6 +296,7 @@ def test_a_camera_at_rest_is_saved(
     assert session.camera == window.scene.camera()
 
 
+@pytest.mark.slow
 def test_a_view_of_the_whole_mesh_fits_a_render_of_another_size(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:
@@ -316,6 +318,7 @@ def test_a_view_of_the_whole_mesh_fits_a_render_of_another_size(
     assert closer.scene.turned_by_hand
 
 
+@pytest.mark.slow
 def test_label_sets_are_there_as_they_were_changed(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:
@@ -382,6 +385,7 @@ def test_label_sets_are_there_as_they_were_changed(
     assert sets(opened(open_window(), path, qtbot)) == made
 
 
+@pytest.mark.slow
 def test_maps_of_one_file_are_all_there_in_their_order(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:
@@ -439,6 +443,7 @@ def test_maps_of_one_file_are_all_there_in_their_order(
     assert maps(given) == made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_hand", [slow(False), True])
 def test_classes_are_there_with_choices_scores_and_importance(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot, by_hand: bool

@@ -925,6 +925,7 @@ def test_a_report_on_the_machine_is_copied(request: pytest.FixtureRequest, opene
     assert "paste it" in window.stage.message_bar.notice.text
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_a_picture_is_copied(qtbot: QtBot, ball: MainWindow) -> None:
     ball.actions_["copy_picture"].trigger()

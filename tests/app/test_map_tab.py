@@ -538,6 +538,7 @@ def test_a_gaussian_is_given_by_its_width(window: MainWindow) -> None:
     assert document.unit == ""
 
 
+@pytest.mark.slow
 def test_a_kept_map_is_renamed_in_the_list(window: MainWindow) -> None:
     document = window.document
     QTest.mouseClick(part(window, QPushButton, "map_view_residual"), LEFT)

@@ -165,6 +165,7 @@ def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> S
     return window.opening.second_view
 
 
+@pytest.mark.slow
 def test_a_failed_comparison_is_stated_in_the_panel(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -627,6 +628,7 @@ def test_maps_are_carried_by_a_functional_map_and_exported_of_the_second(
         first.maps.remove(name)
 
 
+@pytest.mark.slow
 def test_own_maps_show_the_carried_map_on_both_under_its_new_name(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -695,6 +697,7 @@ def test_a_map_of_the_second_follows_the_name_of_its_copy_on_the_first_and_its_l
         first.maps.remove(each.name)
 
 
+@pytest.mark.slow
 def test_what_is_made_on_the_second_is_undone_and_redone_in_its_place(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

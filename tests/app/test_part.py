@@ -137,6 +137,7 @@ def test_typed_parameters_stay_for_a_part(solved: MainWindow, qtbot: QtBot) -> N
     document.display.put(Filters(), Distances())
 
 
+@pytest.mark.slow
 def test_a_part_is_seen_from_the_same_place_and_the_whole_is_computed(
     solved: MainWindow, qtbot: QtBot
 ) -> None:

@@ -95,6 +95,7 @@ TYPED = (
 )
 
 
+@pytest.mark.slow
 def test_what_is_typed_computed_and_saved_is_opened(
     qtbot: QtBot,
     open_window: Callable[..., MainWindow],
