@@ -489,7 +489,12 @@ class Session:
         gc.collect()
         mesh = self.document.mesh
         self.result["private"] = (private_bytes() - self.empty) / 1e6
-        self.result["tables"] = self.source.live.nbytes / 1e6
+        contents = [table.content for table in self.source.live.tables.values()]
+        parts = [
+            part for each in contents for part in getattr(each, "__dict__", {"": each}).values()
+        ]
+        tables = sum(part.nbytes for part in parts if isinstance(part, np.ndarray))
+        self.result["tables"] = tables / 1e6
         self.result["formula"] = formula_bytes(mesh.n_vertices, mesh.n_faces) / 1e6
 
 

@@ -24,7 +24,7 @@ def time_at(document: Document, share: float) -> float:
 
 def compressed(document: Document, source: Controller) -> dict[str, float]:
     """Return times (ms) of HKS by its table and by the direct sum, and the largest error."""
-    kept, spectrum = source.live.table(HeatKernelSignature.name), document.spectrum
+    kept, spectrum = source.live.tables.get(HeatKernelSignature.name), document.spectrum
     assert kept is not None
     table = kept.content
     fast, slow, errors = [], [], []
