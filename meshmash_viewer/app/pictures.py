@@ -46,7 +46,7 @@ class Pictures:
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
         self._background_io = background_io
-        #: Processes of the requested pictures.
+        #: Processes of the pictures that are being drawn.
         self._processes: list[PictureProcess] = []
 
     def save_picture(self) -> None:
@@ -135,6 +135,7 @@ class Pictures:
                 return work(process)
             finally:
                 process.close()
+                self._processes.remove(process)
 
         holds = lambda: not process.closed  # noqa: E731
         self._background_io.run(doing, call, then)
@@ -255,7 +256,7 @@ class Pictures:
 
     def close(self) -> None:
         """Stop drawing and writing, and close open dialogs."""
-        for process in self._processes:
+        for process in list(self._processes):  # tasks remove theirs when they end
             process.close()
         for dialog in list(self._open_dialogs.values()):
             dialog.done(0)  # cancels the recording of a movie
