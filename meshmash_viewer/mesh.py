@@ -115,10 +115,14 @@ class Mesh(Triangles):
         faces.flags.writeable = False
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
-        object.__setattr__(self, "voxel", tuple(float(size) for size in self.voxel))
         object.__setattr__(self, "unit", _length_unit(self.unit))
-        if not is_voxel(self.voxel):
-            raise InputError(f"A voxel has three positive sizes, not {self.voxel!r}.")
+        try:
+            voxel = tuple(float(size) for size in self.voxel)
+        except (TypeError, ValueError):
+            voxel = ()
+        if not is_voxel(voxel):
+            raise InputError(f"A voxel has three positive sizes as (4, 4, 40), not {self.voxel!r}.")
+        object.__setattr__(self, "voxel", voxel)
         object.__setattr__(self, "maps", named_apart([self._fitted(each) for each in self.maps]))
         if not self.area > 0.0:
             raise InputError(

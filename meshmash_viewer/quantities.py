@@ -7,6 +7,7 @@ The same notation is accepted in every field of the window and every option of t
   "1 234", "1,234,567", "1.234,5"
 * powers of ten: "1e-5", "1×10^-5", "10⁻⁵"
 * a power of a unit of length, which is converted: "0.5 µm", "3/µm²"
+* several numbers, with brackets or without, and a unit of all: "4 4 40", "[4, 4, 40] nm", "4x4x40"
 
 A single comma before three digits is ambiguous, so "1,000" is refused, except for a whole number,
 where it separates groups as in the output of this program. A single point is a decimal point; for a
@@ -18,8 +19,10 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
+from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import TypeVar
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.units import (
@@ -31,6 +34,9 @@ from meshmash_viewer.units import (
     power_unit,
 )
 
+_T = TypeVar("_T")
+#: Sizes of voxels, for messages.
+_VOXELS = '"8 nm" or "4 x 4 x 40 nm"'
 #: Maximum length of a text quoted in a message, and of a number.
 _SHOWN, _LONGEST = 40, 100
 #: Largest exponent; larger exponents are out of the range of floats.
@@ -63,7 +69,12 @@ _UNIT = re.compile(
 )
 
 
-_VOXEL = re.compile(r"(?P<sizes>(?:[0-9.,'_ x×]|(?<=[0-9])[eE][+-]?(?=[0-9]))*)(?P<unit>[a-zµÅ]*)")
+#: Separators of several numbers, in the order in which they are tried.
+_NEXT = r"(?=[+-]? ?[.,]?[0-9])"
+_SEPARATORS = (f" ?[;:] ?{_NEXT}", f" ?[x×*] ?{_NEXT}| , ?|, ", f" {_NEXT}", ",")
+_BRACKETS = re.compile(r"[\[({] ?(?P<numbers>[^][(){}]+?) ?[])}](?P<unit>.*)")
+#: Sizes of a voxel that may also be one number with groups of three digits.
+_ONE_OR_THREE = re.compile("(?P<sizes>[1-9][0-9]{0,2}([ ,][0-9]{3}){2}) ?(?P<unit>[a-zµÅ]*)")
 
 
 @dataclass(frozen=True)
@@ -161,44 +172,101 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
     return int(value)
 
 
+def parse_several(
+    text: str, count: int, parse: Callable[[str], _T], example: str
+) -> tuple[_T, ...]:
+    """Read `count` values with one separator, in brackets or not, each by `parse`.
+
+    A unit after the last value is the unit of all values without one. `InputError` is raised if the
+    text is not `count` values, with an `example`, or a value is ambiguous.
+
+    Examples
+    --------
+    >>> parse_several("(4, 4, 40)", 3, parse_number, "4 4 40")
+    (4.0, 4.0, 40.0)
+    >>> [each.in_unit("nm") for each in parse_several("1 x 2 µm", 2, parse_quantity, "1 x 2")]
+    [1000.0, 2000.0]
+    """
+    plain = _without_brackets(_plain(text))
+    faults = list[InputError]()
+    for separator in _SEPARATORS:
+        parts = re.split(separator, plain)
+        try:
+            units = [_split(part)[1] for part in parts if len(parts) == count]
+        except InputError as fault:
+            faults += [fault] if isinstance(fault, _AmbiguousError) else []
+            continue
+        named = [
+            part if unit else f"{part} {units[-1]}"
+            for part, unit in zip(parts, units, strict=False)  # no units for another count
+        ]
+        try:
+            if named:
+                return tuple(map(parse, named))
+        except InputError as fault:
+            faults.append(fault)
+    raise (
+        faults[0]
+        if faults
+        else InputError(f"{_shown(text)} is not {count} numbers: write them like {example}.")
+    )
+
+
+def parse_voxel(text: str) -> tuple[Voxel, str]:
+    """Read the size of a voxel, one number or three, as `parse_unit` but with or without a unit.
+
+    Examples
+    --------
+    >>> parse_voxel("4x4x40"), parse_voxel("8 nm")
+    (((4.0, 4.0, 40.0), ''), ((8.0, 8.0, 8.0), 'nm'))
+    """
+    plain = _without_brackets(_plain(text))
+    if found := _ONE_OR_THREE.fullmatch(plain):
+        parts, unit = re.split("[ ,]", found["sizes"]), found["unit"]
+        raise _AmbiguousError(
+            f"{_shown(text)} may be a voxel of {' × '.join(parts)} {unit} or of"
+            f" {''.join(parts)} {unit}: write it like one of these."
+        )
+    try:
+        sizes: tuple[Quantity, ...] = (parse_quantity(plain),) * 3
+    except _AmbiguousError:
+        raise
+    except InputError:
+        sizes = parse_several(plain, 3, parse_quantity, _VOXELS)
+    name = sizes[-1].unit
+    factor, unit = MESH_UNITS[name]
+    x, y, z = (factor * size.in_unit(name) for size in sizes)
+    if not is_voxel((x, y, z)):
+        raise InputError(f"{_shown(text)} is no voxel: give positive sizes such as {_VOXELS}.")
+    return (x, y, z), unit
+
+
 def parse_unit(text: str) -> tuple[Voxel, str]:
     """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm" or "4 × 4 × 40 nm".
 
-    The voxel size is one number, or three along x, y and z separated by "×", "x" or ",". Returns
-    the factors that convert coordinates to the unit (`NO_VOXEL` without a voxel size) and the unit,
-    one of `LENGTH_UNITS`; "cm" is a voxel of 10 mm. `InputError` is raised if the text is not a
-    unit, or the size is ambiguous or not positive.
+    The voxel size is one number, or three along x, y and z. Returns the factors that convert
+    coordinates to the unit (`NO_VOXEL` without a voxel size) and the unit, one of `LENGTH_UNITS`;
+    "cm" is a voxel of 10 mm. `InputError` is raised if the text is not a unit, or the size is
+    ambiguous or not positive.
 
     Examples
     --------
     >>> parse_unit("8,5 nm")
     ((8.5, 8.5, 8.5), 'nm')
     """
-    match = _VOXEL.fullmatch(_plain(text))
-    fault = InputError(f"{text!r} is not a length unit: give {UNIT_FORMS}.")
-    if match is None or match["unit"] not in MESH_UNITS:
-        raise fault
-    (factor, unit), sizes = MESH_UNITS[match["unit"]], match["sizes"].strip()
-    if not sizes:
+    plain = _plain(text)
+    if plain in MESH_UNITS:
+        factor, unit = MESH_UNITS[plain]
         return (factor, factor, factor), unit
-    parts = re.split(r"\s*[x×]\s*|\s+,\s*|,\s+", sizes)
-    if len(parts) == 1 and sizes.count(",") == 2:
-        parts = sizes.split(",")
-        if re.fullmatch("[1-9][0-9]{0,2}(,[0-9]{3}){2}", sizes):
-            raise InputError(
-                f"{_shown(text)} may be a voxel of {' × '.join(parts)} {unit} or of"
-                f" {''.join(parts)} {unit}: write it like one of these."
-            )
     try:
-        found = tuple(parse_number(part) for part in parts)
+        voxel, unit = parse_voxel(text)
     except _AmbiguousError:
         raise
     except InputError:
-        raise fault from None
-    voxel = tuple(factor * size for size in (found * 3 if len(found) == 1 else found))
-    if not is_voxel(voxel) or not unit:
-        raise fault
-    return (voxel[0], voxel[1], voxel[2]), unit
+        unit = ""
+    if not unit:
+        raise InputError(f"{text!r} is not a length unit: give {UNIT_FORMS}.") from None
+    return voxel, unit
 
 
 class _AmbiguousError(InputError):
@@ -261,6 +329,11 @@ def _plain(text: str) -> str:
     ).translate(_READ_AS)
     digits = (str(unicodedata.decimal(each)) if each.isdecimal() else each for each in text)
     return " ".join("".join(digits).split())
+
+
+def _without_brackets(plain: str) -> str:
+    found = _BRACKETS.fullmatch(plain)
+    return f"{found['numbers']} {found['unit'].strip()}".strip() if found else plain
 
 
 def _joined(unit: str) -> str:

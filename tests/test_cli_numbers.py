@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,8 @@ import shapes
 from tiers import slow
 
 from meshmash_viewer.cli import main as cli
-from meshmash_viewer.cli.arguments import signed
-from meshmash_viewer.cli.parser import command_parser
+from meshmash_viewer.cli.arguments import in_unit
+from meshmash_viewer.cli.parser import parsed_command
 
 RADIUS = 500.0  # nm
 
@@ -76,8 +77,86 @@ def test_the_unit_is_that_of_each_mesh(ball: Path) -> None:
 @pytest.mark.parametrize("low", ["-1e-4", "-0,0001", "-.0001", "\u22121e-4", "-1×10^-4"])
 def test_a_negative_number_is_no_option(low: str) -> None:
     options = ["render", "ball.npz", "-o", "a.png", "--limits"]
-    limits = command_parser().parse_args(signed([*options, low, "1e-4"])).limits
-    assert limits == [-1e-4, 1e-4]
+    assert parsed_command([*options, low, "1e-4"]).limits == (-1e-4, 1e-4)
+
+
+#: By option: the command, its expected value, and ways to write it, as arguments of a shell.
+SEVERAL = [
+    (
+        "--voxel", "points ball.npz --points p.csv -o a.csv", ((4.0, 4.0, 40.0), ""),
+        ("4 4 40", "4,4,40", "4, 4, 40", "4x4x40", "4 x 4 x 40", "'4 × 4 × 40'", "'[4, 4, 40]'",
+         "[4, 4, 40]", "(4,4,40)", "'[4 4 40]'", "'[ 4.  4. 40.]'", "4;4;40", "4,0 4,0 40,0"),
+    ),
+    (
+        "--voxel", "points ball.npz --points p.csv -o a.csv", ((4.0, 4.0, 40.0), "nm"),
+        ("'4x4x40 nm'", "4x4x40 nm", "4x4x40nm", "4 4 40 nm", "4nm 4nm 40nm", "'[4, 4, 40] nm'",
+         "'[4, 4, 40 nm]'", "[4, 4, 40] nm"),
+    ),
+    (
+        "--voxel", "points ball.npz --points p.csv -o a.csv", ((0.004, 0.004, 0.04), "µm"),
+        ("0.004 0.004 0.04 µm", "'0,004 x 0,004 x 0,04 um'", "0.004,0.004,0.04 μm"),
+    ),
+    ("--voxel", "points ball.npz --points p.csv -o a.csv", ((8.0, 8.0, 8.0), "nm"), ("8 nm",)),
+    (
+        "--limits", "render ball.npz -o a.png", (-1.0, 2.5),
+        ("-1 2.5", "-1,2.5", "'[-1, 2.5]'", "-1:2.5", "=-1,2.5", "'-1; 2,5'", "'-1.0 2.50'"),
+    ),
+    (
+        "--size", "render ball.npz -o a.png", (1600, 1200),
+        ("1600x1200", "1600 1200", "1600,1200", "'1600 × 1200'", "1600 X 1200", "(1600, 1200)"),
+    ),
+    (
+        "--unit", "info ball.npz", "4 4 40 nm", ("4 4 40 nm", "'4 4 40 nm'"),
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("option", "command", "expected", "ways"), SEVERAL)
+@pytest.mark.parametrize("last", [False, True])
+def test_ways_to_write_several_numbers(
+    option: str, command: str, expected: object, ways: tuple[str, ...], last: bool
+) -> None:
+    name, mesh, *rest = command.split()
+    for way in ways:
+        given = shlex.split(f"{option}{'' if way.startswith('=') else ' '}{way}")
+        options = [*given, mesh, *rest] if last else [mesh, *rest, *given]
+        parsed = parsed_command([name, *options])
+        assert getattr(parsed, option.removeprefix("--")) == expected, way
+        assert parsed.mesh == [Path(mesh)], way
+
+
+def test_a_position_is_in_the_unit_of_each_mesh() -> None:
+    for way in ("1 2 -3 µm", "1,2,-3 µm", "(1, 2, -3) um", "1000 2000 -3000", "1 µm 2 µm -3 µm"):
+        parsed = parsed_command(["condense", "a.ply", "-o", "b/", "--nucleus", *way.split()])
+        assert in_unit(parsed, "nm").nuc_point == (1000.0, 2000.0, -3000.0), way
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("points ball.npz --points p.csv -o a.csv --voxel 4 4", "write them like"),
+        ("points ball.npz --points p.csv -o a.csv --voxel 4x4x40x2", "write them like"),
+        ("points ball.npz --points p.csv -o a.csv --voxel '4 4 40 kg'", "kg is in a unit that is"),
+        ("points ball.npz --points p.csv -o a.csv --voxel 4 4 0", '"4 x 4 x 40 nm"'),
+        ("points ball.npz --points p.csv -o a.csv --voxel 1,234,567", "1 × 234 × 567"),
+        ("condense ball.npz -o a/ --nucleus 1 2", "4200 1800 350"),
+        ("condense ball.npz -o a/ --nucleus 1,234 2 3", "1,234 may be 1234 or 1.234"),
+        ("render ball.npz -o a.png --limits 3", "write them like -1 1"),
+        ("render ball.npz -o a.png --limits low high", "write them like -1 1"),
+        ("render ball.npz -o a.png --size 1600", "write them like 1600x1200"),
+        ("render ball.npz -o a.png --size 0x5", "a whole number from 1 to 16,384, not 0"),
+        ("render ball.npz -o a.png --size 1e9x5", "a whole number from 1 to 16,384"),
+        ("info ball.npz --unit 4 4 40", '"4 x 4 x 40 nm"'),
+    ],
+)
+def test_several_numbers_that_cannot_be_read_are_one_sentence(
+    options: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        parsed_command(shlex.split(options))
+    said = capsys.readouterr().err
+    assert says in said
+    assert len(said.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -224,7 +224,9 @@ def test_voxels_of_another_size_speak_of_the_same_file(neuron):
         assert repair.apply(again).voxel == again.voxel
 
 
-@pytest.mark.parametrize("voxel", [(1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, np.nan), (8.0,)])
+@pytest.mark.parametrize(
+    "voxel", [(1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, np.nan), (8.0,), 8.0, "8 nm"]
+)
 def test_a_voxel_has_three_positive_sizes(voxel):
     with pytest.raises(InputError, match="three positive sizes"):
         Mesh(TRIANGLE, [[0, 1, 2]], voxel=voxel)

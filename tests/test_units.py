@@ -58,6 +58,11 @@ def test_a_unit_is_read_and_written(text: str, voxel: Voxel, unit: str, written:
         ("8,5 x 8,5 x 40 nm", (8.5, 8.5, 40.0)),
         ("4, 4, 40 nm", (4.0, 4.0, 40.0)),
         ("1 234 nm", (1234.0, 1234.0, 1234.0)),
+        ("4 4 40 nm", (4.0, 4.0, 40.0)),
+        ("4x4x40nm", (4.0, 4.0, 40.0)),
+        ("[4, 4, 40] nm", (4.0, 4.0, 40.0)),
+        ("(4; 4; 40 nm)", (4.0, 4.0, 40.0)),
+        ("4 nm x 4 nm x 40 nm", (4.0, 4.0, 40.0)),
     ],
 )
 def test_a_voxel_is_read_as_numbers_elsewhere(text: str, sizes: Voxel) -> None:
@@ -66,7 +71,11 @@ def test_a_voxel_is_read_as_numbers_elsewhere(text: str, sizes: Voxel) -> None:
 
 @pytest.mark.parametrize(
     ("text", "readings"),
-    [("8,500 nm", ("8500", "8.5")), ("1,234,567 nm", ("1 × 234 × 567 nm", "1234567 nm"))],
+    [
+        ("8,500 nm", ("8500", "8.5")),
+        ("1,234,567 nm", ("1 × 234 × 567 nm", "1234567 nm")),
+        ("100 100 100 nm", ("100 × 100 × 100 nm", "100100100 nm")),
+    ],
 )
 def test_an_ambiguous_voxel_is_refused_with_its_readings(
     text: str, readings: tuple[str, ...]

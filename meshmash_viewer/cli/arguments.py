@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 #: Largest whole number of an option: indices and counts have 32 bits.
 _MOST = 2**31 - 1
-_NEGATIVE = re.compile(r"\A-(?=[.,]?[0-9][-0-9.,'_eE+×x*^⁻⁺⁰¹²³⁴-⁹ ]*\Z)")
+_NEGATIVE = re.compile(r"\A-(?=[.,]?[0-9][-0-9.,;:'_eE+×x*^⁻⁺⁰¹²³⁴-⁹ ]*\Z)")
 
 
 def signed(arguments: list[str]) -> list[str]:
@@ -88,6 +88,8 @@ def in_unit(options: Namespace, unit: str | None = None) -> Namespace:
 
 
 def _in_unit(value: Any, unit: str | None) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_in_unit(each, unit) for each in value)
     if isinstance(value, Quantity):
         return None if unit is None and value.unit else value.in_unit(unit or "")
     if isinstance(value, TargetQuantity) and unit is not None:

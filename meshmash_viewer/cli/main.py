@@ -19,7 +19,8 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from meshmash_viewer.cli.arguments import FAULT, signed
+from meshmash_viewer.cli.arguments import FAULT
+from meshmash_viewer.cli.options import joined_numbers
 from meshmash_viewer.cli.parser import COMMANDS, parsed_command, window_parser
 from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError
@@ -87,9 +88,9 @@ def _run(arguments: list[str]) -> int:
 
     try:
         if arguments and arguments[0] in COMMANDS:
-            run, options = _run_command, parsed_command(signed(arguments))
+            run, options = _run_command, parsed_command(arguments)
         else:
-            run, options = _open_window, window_parser().parse_args(arguments)
+            run, options = _open_window, window_parser().parse_args(joined_numbers(arguments))
         options.mesh = expanded(linked(options))
         options.map = expanded(getattr(options, "map", ()))
         check_compiler()

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from argparse import ArgumentTypeError, _ActionsContainer
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from meshmash_viewer.cli.arguments import TargetQuantity, number, option_type, quantity, whole
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.quantities import parse_number, parse_quantity, parse_unit
+from meshmash_viewer.quantities import (
+    Quantity,
+    parse_number,
+    parse_quantity,
+    parse_several,
+    parse_unit,
+    parse_voxel,
+    parse_whole,
+)
 from meshmash_viewer.structures import named_structure
-from meshmash_viewer.units import UNIT_FORMS
+from meshmash_viewer.units import METRES, UNIT_FORMS
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.weyl import Target
@@ -37,15 +47,11 @@ def _repair(name: str) -> str:
     return name
 
 
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.lower().partition("x")
-    try:
-        size = int(width), int(height)
-    except ValueError:
-        raise ArgumentTypeError(f"{text!r} is not a size like 1600x1200") from None
-    if not all(1 <= side <= 16384 for side in size):
-        raise ArgumentTypeError(f"{text!r} is not between 1x1 and 16384x16384")
-    return size
+def _size(text: str) -> tuple[int, ...]:
+    def side(each: str) -> int:
+        return parse_whole(each, 1, _LARGEST_SIDE, "The width or height of a picture")
+
+    return parse_several(text.lower(), 2, side, "1600x1200")
 
 
 def _not_negative(text: str) -> float:
@@ -53,6 +59,14 @@ def _not_negative(text: str) -> float:
     if not value >= 0.0:
         raise InputError(f"{text} is negative: give zero or a small positive number.")
     return value
+
+
+def _limits(text: str) -> tuple[float, ...]:
+    return parse_several(text, 2, parse_number, "-1 1")
+
+
+def _position(text: str) -> tuple[Quantity, ...]:
+    return parse_several(text, 3, parse_quantity, '"4200 1800 350" or "4.2, 1.8, 0.35 µm"')
 
 
 def target_type(
@@ -82,6 +96,8 @@ def _switches(**abouts: str) -> dict[str, dict[str, Any]]:
     }
 
 
+#: Largest width and height of a picture in pixels.
+_LARGEST_SIDE = 16384
 _MANY: dict[str, Any] = {"action": "append", "default": []}
 #: Arguments of `add_argument` by flag. Options without help have another one in each command.
 OPTIONS: dict[str, dict[str, Any]] = {
@@ -125,8 +141,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " ctr_pt_position", default=""),
     "--points-unit": _takes(option_type(_unit), "U", f"length unit of the points: {UNIT_FORMS};"
         " default: that of the mesh", default=""),
-    "--voxel": _takes(number(), ("X", "Y", "Z"), "voxel size of points given in voxels, in the unit"
-        " of the mesh", nargs=3),
+    "--voxel": _takes(option_type(parse_voxel), "X Y Z", "voxel size of points given in voxels,"
+        " in the unit of the mesh unless one is given: 4 4 40, 4x4x40, 4 4 40 nm"),
     "--max-distance": _takes(quantity(1), "L", "largest distance to a vertex (unit); default: 1/100"
         " of the diagonal of the mesh"),
     "--id-map": _takes(Path, "OUT.npz", "file for id and vertex of each point, in meshmash's format"
@@ -139,8 +155,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " stops, default 3"),
     "--min-vertices": _takes(whole(), "N", "components with fewer vertices are in no domain,"
         " default 200", dest="min_vertex_threshold"),
-    "--nucleus": _takes(number(), ("X", "Y", "Z"), "position of the nucleus in the unit of the"
-        " mesh; adds a column of distances to it", nargs=3, dest="nuc_point"),
+    "--nucleus": _takes(option_type(_position), "X Y Z", "position of the nucleus in the unit of"
+        " the mesh unless one is given; adds a column of distances to it", dest="nuc_point"),
     # classes
     "--smoothing": _takes(quantity(1), "L", "length over which probabilities are smoothed along the"
         " surface (unit), default 0", default=0.0),
@@ -158,9 +174,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " turntable"),
     "--seconds": _takes(number("s"), "S", "duration; default: every column once, 6 s on the"
         " turntable"),
-    "--size": _takes(_size, "WIDTHxHEIGHT"),
+    "--size": _takes(option_type(_size), "WIDTHxHEIGHT"),
     "--colormap": _takes(str, "NAME", "name of a matplotlib colour map"),
-    "--limits": _takes(number(), ("LOW", "HIGH"), "limits of the colours", nargs=2),
+    "--limits": _takes(option_type(_limits), "LOW HIGH", "limits of the colours"),
     "--color-scale": {
         "choices": ("automatic", "linear", "log"), "default": "automatic",
         "help": "automatic: log if the values are positive and span more than two decades",
@@ -189,6 +205,34 @@ OPTIONS |= _switches(
     transparent="transparent background",
     json="one line of JSON for each mesh",
 )
+
+
+#: Options whose value is several numbers, or a number and a unit, which need no quotes.
+_SEVERAL = ("--limits", "--nucleus", "--points-unit", "--size", "--unit", "--voxel")
+#: An argument that is numbers, separators or a unit: "4,", "4x4x40nm", "[4", "nm".
+_PART = re.compile(r"[-\u2212+\d.,'_eE;:xX×*^⁻⁺⁰¹²³⁴-⁹()\[\]{}]*(?P<unit>[^\W\d_]*)[])}]*,?")
+
+
+def joined_numbers(arguments: Sequence[str]) -> list[str]:
+    """Join the numbers after each option of `_SEVERAL` to one argument: "4", "4", "40" to "4 4 40".
+
+    A first argument without a digit is the whole value.
+    """
+    found: list[str] = []
+    rest = list(arguments)
+    while rest:
+        found.append(rest.pop(0))
+        of_several = any(each.startswith(found[-1]) for each in _SEVERAL)
+        if of_several and len(found[-1]) > len("--") and rest and re.search(r"\d", rest[0]):
+            parts = list(takewhile(_is_part, rest)) or rest[:1]
+            found.append(" ".join(parts))
+            del rest[: len(parts)]
+    return found
+
+
+def _is_part(argument: str) -> bool:
+    match = _PART.fullmatch(argument)
+    return match is not None and match["unit"].replace("μ", "µ") in {"", *METRES}
 
 
 def add_options(parser: _ActionsContainer, *flags: str, **changes: Any) -> None:

@@ -16,10 +16,11 @@ from meshmash_viewer.cli.arguments import (
     option_type,
     options_of,
     quantity,
+    signed,
     usual_counts,
     whole,
 )
-from meshmash_viewer.cli.options import add_options, target_type
+from meshmash_viewer.cli.options import add_options, joined_numbers, target_type
 from meshmash_viewer.cli.streams import PROGRAM
 from meshmash_viewer.learn import CLASSIFIERS, KINDS
 
@@ -211,7 +212,7 @@ def command_parser() -> ArgumentParser:
 def parsed_command(arguments: list[str]) -> argparse.Namespace:
     """Parse the arguments of a command; meshes of train may also follow its options."""
     parser = command_parser()
-    options, others = parser.parse_known_args(arguments)
+    options, others = parser.parse_known_args(joined_numbers(signed(arguments)))
     if others and (options.command != "train" or any(each.startswith("-") for each in others)):
         parser.prog += f" {options.command}"
         parser.error(f"unrecognized arguments: {' '.join(others)}")

@@ -25,9 +25,10 @@ def projected(mesh: Mesh, options: Namespace) -> ProjectedPoints:
     """Read the points named by the options, and project them onto a mesh."""
     unit = options.points_unit
     if options.voxel is not None:
-        if not mesh.unit:
+        voxel, own = options.voxel
+        if not (own or mesh.unit):
             raise InputError("--voxel is in the unit of the mesh, which states none: give --unit.")
-        unit = written_unit(mesh.unit, tuple(options.voxel))
+        unit = written_unit(own or mesh.unit, voxel)
     points = read_points(options.points, unit, options.position)
     return project_points(mesh, points, options.max_distance)
 
