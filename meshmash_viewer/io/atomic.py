@@ -61,13 +61,10 @@ def persistently(act: Callable[[], _T]) -> _T:
 
 
 def discard(*paths: Path) -> None:
-    """Delete files, retrying each for up to a second.
-
-    Errors are ignored, so that an undeletable file does not fail a finished operation.
-    """
+    """Delete files that may be deleted later as well; errors are ignored, without a retry."""
     for path in paths:
         with contextlib.suppress(OSError):
-            persistently(functools.partial(path.unlink, missing_ok=True))
+            path.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -98,8 +95,11 @@ def written_together(*paths: Path) -> Iterator[list[Path]]:
             persistently(functools.partial(_flush, part))
         for part, path in zip(parts, paths, strict=True):
             persistently(functools.partial(os.replace, part, path))
-    finally:
-        discard(*parts)
+    except BaseException:
+        for part in parts:
+            with contextlib.suppress(OSError):  # the error of the body is raised
+                persistently(functools.partial(part.unlink, missing_ok=True))
+        raise
 
 
 def _flush(path: Path) -> None:
@@ -114,8 +114,7 @@ def remove_left_overs(folder: Path) -> None:
         for name in names:
             found = _PART.match(name)
             if found is not None and _is_left(folder / name, found):
-                with contextlib.suppress(PermissionError):  # another user's file, or an open file
-                    (folder / name).unlink(missing_ok=True)
+                discard(folder / name)
 
 
 def scratch_prefix() -> str:
