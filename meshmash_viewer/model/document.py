@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -281,15 +281,25 @@ class Document(OpenMesh):
             self._take_part(shown.ready, shown.spectrum)
             return
         self.take(shown.ready, self.spectrum)
-        self.maps.follow_names(now, shown.ready.mesh)
+        self.maps.follow(now, shown.ready.mesh)
         if shown.ready.mesh.unit != now.unit:
             self._emit_all()
         else:
             self.spectrum_changed.emit()
 
+    def _restore_sources(self, before: tuple[str, Mapping[str, Family]]) -> None:
+        """Restore the families whose source vertex a repair has removed, and display them again."""
+        display, (kind, families) = self.display, before
+        lost = [name for name in families if families[name].usable]
+        lost = [name for name in lost if not display.fields[name].usable]
+        display.put(*(families[name] for name in lost))
+        if kind in lost:
+            display.kind = kind
+
     def _keep_display(self) -> None:
         """Declare the parts of the display that can be undone, and record their changes."""
         display, keep = self.display, self.history.keep
+        keep("sources", lambda: (display.kind, display.fields), self._restore_sources)
         keep(
             "signs",
             lambda: display[Eigenfunctions].flipped,

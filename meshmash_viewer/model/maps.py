@@ -49,15 +49,21 @@ class Maps:
         #: Names of the maps that the last session stored, and of all its maps in their order.
         self._kept: frozenset[str] = frozenset()
         self._names: tuple[str, ...] = ()
-        #: The map that is being computed, its mesh, and the family that was displayed before.
+        #: The map that is being computed, and its mesh.
         self._growing: VertexMap | None = None
         self._mesh: Mesh | None = None
-        self._kind = display.kind
+        #: The displayed family and map; and by map, the family and map that were displayed before.
+        self._shown = display.kind, ""
+        self._former: dict[str, tuple[str, str]] = {}
+        #: Maps that were removed while they were displayed, also by undo.
+        self._removed: set[str] = set()
+        display.events.connect(self._note_shown)
 
     def begin(self, mesh: Mesh) -> None:
         """Reset the state for another mesh, whose maps are all in its file."""
         self.in_file = frozenset(each.name for each in mesh.maps)
         self.edited, self.pending, self._kept, self._names = frozenset(), (), frozenset(), ()
+        self._former, self._removed = {}, set()
 
     @property
     def names(self) -> list[str]:
@@ -215,14 +221,18 @@ class Maps:
         display.set_limits(None, keys[0])
         display.set_log_scale(None, keys[0])
 
-    def follow_names(self, before: Mesh, now: Mesh) -> None:
-        """Move the choices, colours and limits of maps that undo or redo has renamed."""
+    def follow(self, before: Mesh, now: Mesh) -> None:
+        """Follow maps that undo or redo has renamed, removed or added again."""
         former, names = ({each.name for each in mesh.maps} for mesh in (before, now))
         new = [each for each in now.maps if each.name not in former]
         for known in (each for each in before.maps if each.name not in names):
             for same in new:
                 if np.array_equal(same.values, known.values, equal_nan=True):
                     self._rename_choices(known.name, same.name)
+        for name in self._removed & (names - former):
+            self._removed.discard(name)
+            self.show(name)
+        self._leave_removed()
 
     def exchange(self, label: str, names: Collection[str], maps: Sequence[VertexMap]) -> None:
         """Replace maps by others as one change; without `label`, as part of the last change."""
@@ -267,6 +277,7 @@ class Maps:
         """Remove a map from the mesh; its file stays."""
         if self._opened.mesh is not None:
             self._put(self._opened.mesh.without_map(name), "removal of a map")
+            self._leave_removed()
 
     def grow(self, mesh: Mesh, grew: MapGrew) -> None:
         """Add values to the map that is being computed, and show it; missing values are NaN."""
@@ -274,7 +285,7 @@ class Maps:
         if shown is None or self._still(mesh) is None:
             return
         if self._growing is None:
-            self._mesh, self._kind, name = mesh, self._display.kind, grew.name
+            self._mesh, name = mesh, grew.name
             values = np.full(mesh.n_vertices, np.nan, dtype=np.float32)
         else:
             name, values = self._growing.name, np.array(self._growing.values)
@@ -297,8 +308,7 @@ class Maps:
         self._growing, self._mesh, settled = None, None, shown.ready.mesh
         self._take(settled.with_maps(grown) if kept else settled)
         self._opened.spectrum_changed.emit()
-        if not kept:
-            self._display.kind = self._kind
+        self._leave_removed()
 
     @property
     def chosen(self) -> str:
@@ -316,6 +326,30 @@ class Maps:
         if colors:
             maps = replace(maps, colors=tuple({**dict(maps.colors), name: colors}.items()))
         self._display.show(replace(maps, chosen=name, view="map"))
+
+    def _note_shown(self) -> None:
+        """Store the field that was displayed before the displayed map."""
+        shown = self._display.kind, self.displayed
+        if shown != self._shown:
+            if self.displayed and not self._is_missing(self._shown[1]):
+                self._former[self.displayed] = self._shown
+            self._shown = shown
+
+    def _leave_removed(self) -> None:
+        """Display the former field if the displayed map is no longer in the mesh."""
+        while (name := self.displayed) in self._former and self._is_missing(name):
+            kind, chosen = self._former.pop(name)
+            self._removed.add(name)
+            if chosen:
+                self.show(chosen)
+            else:
+                self._display.kind = kind
+
+    def _is_missing(self, name: str) -> bool:
+        """Return whether the mesh has no map of a name."""
+        mesh = self._opened.mesh
+        maps = () if mesh is None else mesh.maps
+        return bool(name) and name not in {*(each.name for each in maps), *CURVATURES}
 
     def settled(self) -> Shown | None:
         """The open mesh with its spectrum, without the map that is being computed."""

@@ -559,3 +559,19 @@ def test_a_map_that_grows_leaves_alone_what_is_made_meanwhile(document: Document
     history.redo()
     assert [each.name for each in document.mesh.maps] == ["hks"]
     assert document.unit == "nm"
+
+
+def test_undo_of_a_repair_shows_the_field_whose_source_the_repair_removed(
+    document: Document, three_spheres: Mesh
+) -> None:
+    document.accept_mesh(ready(three_spheres))
+    display, last = document.display, three_spheres.n_vertices - 1
+    display.show(replace(display[Similarity], vertex=last))
+    repaired = repair_mesh(three_spheres, "keep_largest_component")
+    document.accept_mesh(ready(repaired, "keep_largest_component", derived=True))
+    assert display.kind == "eigenfunction"
+    for _ in range(2):
+        document.history.undo()
+        assert (display.kind, display[Similarity].vertex) == ("similarity", last)
+        document.history.redo()
+        assert (display.kind, display[Similarity].vertex) == ("eigenfunction", None)

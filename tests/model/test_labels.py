@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -291,3 +292,44 @@ def test_values_are_shared_and_never_written(two: Document) -> None:
     assert after.values is before.values
     with pytest.raises(ValueError, match="read-only"):
         after.values[0] = 3
+
+
+def test_undo_and_redo_show_the_field_that_was_shown(document: Document) -> None:
+    """Of every step that adds or removes the displayed map."""
+
+    def shown() -> tuple[str, str]:
+        return document.display.kind, document.maps.displayed
+
+    height, maps, labels = VertexMap("height", MESH.vertices[:, 2]), document.maps, document.labels
+    document.display.kind = "hks"
+    states = [shown()]
+    steps: list[Callable[[], None]] = [
+        labels.new_set,
+        labels.new_set,
+        lambda: maps.add(MESH, [height]),
+        lambda: maps.remove("height"),
+        labels.remove_set,
+        lambda: labels.delete([1]),  # the last label, and its set
+        lambda: maps.add(MESH, [height, replace(height, name="depth")]),
+    ]
+    for act in steps:
+        act()
+        states.append(shown())
+    first, second = ("map", "labels"), ("map", "labels 2")
+    assert states == [
+        ("hks", ""), first, second, ("map", "height"), second, first, ("hks", ""), ("map", "depth"),
+    ]  # fmt: skip
+    for before in reversed(states[:-1]):
+        document.history.undo()
+        assert shown() == before
+    for after in states[1:]:
+        document.history.redo()
+        assert shown() == after
+
+
+def test_undo_leaves_a_field_chosen_since(document: Document) -> None:
+    document.labels.new_set()
+    document.display.kind = "wks"
+    for change in (document.history.undo, document.history.redo):
+        change()
+        assert document.display.kind == "wks"
