@@ -349,8 +349,10 @@ class MainWindow(ScriptedWindow):
         state = self.document.work.job
         if state is None and self.document.solve.seconds_rate is not None:
             self.settings.seconds_rate = self.document.solve.seconds_rate
-        job = None if state is None else state.job
-        self.stage.welcome.set_reading(f"{job.label} …" if isinstance(job, ReadJob) else "")
+        if state is not None and isinstance(state.job, ReadJob):
+            self.stage.welcome.set_reading(f"{state.job.label} …")
+        elif self.document.mesh is None:  # otherwise the render replaces the welcome page soon
+            self.stage.welcome.set_reading("")
 
     def _refresh_actions(self) -> None:
         self.commands.refresh()

@@ -126,7 +126,8 @@ class Welcome(QScrollArea):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         middle = Qt.AlignmentFlag.AlignCenter
         self._icon = QLabel(alignment=middle)
-        title = theme.with_role(QLabel("Drop a mesh here", alignment=middle), "title")
+        self.title = theme.with_role(HeadLabel(alignment=middle), "title")
+        self.title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         endings = make.muted(
             "PLY, OBJ, STL, OFF, GLB, VTP, VTK, NPZ, GIFTI or FreeSurfer surface",
             alignment=middle,
@@ -145,14 +146,13 @@ class Welcome(QScrollArea):
         )
         self._recent = column(spacing=0)
         self._links: list[tuple[QPushButton, str]] = []
-        self._loading = self._reading = ""
         self.loading_label = make.label(
             "loading_label", "Loading step", role="muted", alignment=middle
         )
         self._buttons = row(
             (self.open_button,), (self.sample_button,), margins=(0, theme.GAP, 0, 0)
         )
-        parts = self._icon, title, endings, self._buttons, self._recent, self.loading_label
+        parts = self._icon, self.title, endings, self._buttons, self._recent, self.loading_label
         self._card = theme.named(QFrame(), "welcome_card")
         self._card.setMaximumWidth(440)
         self._card.setLayout(column(*parts, margins=(_MARGIN, 28, _MARGIN, 24)))
@@ -164,6 +164,7 @@ class Welcome(QScrollArea):
         theme.notifier().changed.connect(self._refresh)
         self._refresh()
         self.set_loading("")
+        self.set_reading("")
 
     def set_recent(self, paths: Sequence[Path]) -> None:
         """List recent files, newest first."""
@@ -191,15 +192,13 @@ class Welcome(QScrollArea):
         self._fit()
 
     def set_loading(self, text: str) -> None:
-        """Show the state of the libraries, unless a mesh is being read; "" for loaded ones."""
-        self._loading = text
-        self.set_reading(self._reading)
+        """Show the state of the libraries; "" once they are loaded."""
+        self.loading_label.setText(text)
+        self.loading_label.setVisible(bool(text))
 
     def set_reading(self, text: str) -> None:
         """Show which mesh is being read; "" for none."""
-        self._reading = text
-        self.loading_label.setText(text or self._loading)
-        self.loading_label.setVisible(bool(text or self._loading))
+        self.title.setText(text or "Drop a mesh here")
 
     def _refresh(self) -> None:
         self._icon.setPixmap(theme.pixmap("mesh", theme.palette().accent, 44))

@@ -194,7 +194,7 @@ def test_the_empty_window_says_what_to_do(empty: MainWindow) -> None:
     assert not empty.mesh_panel.compute_button.isEnabled()
 
 
-def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot) -> None:
+def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot, tmp_path: Path) -> None:
     window = MainWindow(fresh=True, deferred=True)
     with qtbot.waitExposed(window):
         window.show()
@@ -202,11 +202,17 @@ def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot) -> None:
     welcome = window.stage.welcome
     assert welcome.isVisible()
     welcome.set_loading("Loading the render …")
+    window.open_mesh(tmp_path / "missing.ply")
+    assert welcome.title.text() == "Reading missing.ply …"
+    qtbot.waitUntil(lambda: window.document.work.job is None, timeout=PATIENCE)
+    assert welcome.title.text() == "Drop a mesh here"
     window.open_mesh(sample_path("sphere"))
-    assert welcome.loading_label.text() == "Reading sphere.npz …"
+    assert welcome.title.text() == "Reading sphere.npz …"
+    assert welcome.loading_label.text() == "Loading the render …"
     qtbot.waitUntil(lambda: window.document.work.job is None, timeout=PATIENCE)
     assert window.document.mesh is not None
-    assert welcome.loading_label.text() == "Loading the render …", "the mesh has been read"
+    assert welcome.isVisible()
+    assert welcome.title.text() != "Drop a mesh here"
     window.load()
     assert not welcome.loading_label.text()
     assert window.loaded
