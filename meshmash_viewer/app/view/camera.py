@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
@@ -65,12 +64,17 @@ class View:
         """Return the view of the mesh rotated right, up and counterclockwise; angles in radians."""
         axes = self.axes
         for axis, angle in ((1, -right), (0, up), (2, -roll)):
-            axes = Rotation.from_rotvec(angle * axes[axis]).apply(axes)
+            turn, (i, j) = np.eye(3), ((axis + 1) % 3, (axis + 2) % 3)
+            turn[i, i] = turn[j, j] = np.cos(angle)
+            turn[i, j], turn[j, i] = np.sin(angle), -np.sin(angle)
+            axes = turn @ axes
         u, _, vt = np.linalg.svd(axes)  # removes rounding errors, which accumulate over rotations
         return replace(self, axes=u @ vt)
 
     def towards(self, other: View, share: float) -> View:
         """Return the interpolation of this view (`share` 0) and another view (`share` 1)."""
+        from scipy.spatial.transform import Rotation  # slow to import
+
         turn = Rotation.from_matrix(other.axes @ self.axes.T).as_rotvec()
         return View(
             (1.0 - share) * self.focus + share * other.focus,

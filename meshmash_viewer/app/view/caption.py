@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.app.view.style import ColorMap, color_table
-from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.limits import Limits
+
+if TYPE_CHECKING:  # slow to import, and not needed to draw a caption
+    from meshmash_viewer.model.field import Field
+    from meshmash_viewer.model.limits import Limits
 
 
 @dataclass(frozen=True)
