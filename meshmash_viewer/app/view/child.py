@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import SAMPLES, OffScreen
+from meshmash_viewer.app.view.serialization import serialized
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.work import ProcessTree, Wire, start_child
@@ -47,13 +48,14 @@ class PictureProcess:
         InputError
             If the process crashed.
         """
-        given, surface = (drawing, size, transparent, samples), drawing.surface
+        given, surface = (drawing, (size, transparent, samples)), drawing.surface
         values = None if surface is None else surface.values
         try:
             wire = self._connected()
             known = given == self._given
             changed = None if known and values is self._values else values
-            wire.send((None if known else given, drawing.view, changed, drawing.caption))
+            sent = None if known else (serialized(drawing), given[1])
+            wire.send((sent, drawing.view, changed, drawing.caption))
             answer = wire.receive()
         except (EOFError, BrokenPipeError) as fault:
             if self.closed:
@@ -106,7 +108,8 @@ def serve(source: BinaryIO, sink: BinaryIO) -> None:
             if given is not None:
                 if window is not None:
                     window.close()
-                window = OffScreen(*given)
+                described, options = given
+                window = OffScreen(described.drawing(), *options)
             assert window is not None
             window.drawing.view = view
             if values is not None:

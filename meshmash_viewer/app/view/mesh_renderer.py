@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkTypeUInt8Array
 from vtkmodules.vtkRenderingCore import vtkActor, vtkCamera, vtkLight, vtkProp, vtkRenderer
 
 from meshmash_viewer.app.view.annotations import Annotations, Page, margins
@@ -394,7 +392,7 @@ class MeshRenderer:
             ]
         return self._placed_pins
 
-    # -- actors added by scripts, windows, copies -------------------------------------------
+    # -- actors added by scripts, and copies -------------------------------------------
 
     def added(self) -> Iterator[vtkProp]:
         """Yield the actors that scripts have added to the renderer."""
@@ -430,17 +428,10 @@ class MeshRenderer:
         """Return a copy for another window, which shares the arrays of mesh and field."""
         other = MeshRenderer(self.dark)
         other._add_copies(self.added())
-        other._restore(self._state())
+        other.restore(self.contents())
         return other
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return the description of a copy for another process."""
-        state = self._state()
-        if state["mesh"] is not None:
-            state["mesh"] = state["mesh"].with_only_maps()
-        return _unpickled, (self.dark, _described(list(self.added())), state)
-
-    def _state(self) -> dict[str, Any]:
+    def contents(self) -> dict[str, Any]:
         """Return the contents of a copy: arrays are shared, and overlays are copied."""
         mesh, surface = self.mesh, self.surface
         state = {name: getattr(self, name) for name in _COPIED}
@@ -453,7 +444,8 @@ class MeshRenderer:
         shape = self.normals, self.drawn if self.moved else None, self.hidden, self.selected
         return {"mesh": mesh, "shape": shape, "values": values, "overlays": overlays, **state}
 
-    def _restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: dict[str, Any]) -> None:
+        """Draw the result of `contents` of another drawing."""
         normals, moved, hidden, selected = state["shape"]
         self.set_mesh(state["mesh"], normals)
         if moved is not None:
@@ -491,53 +483,6 @@ class MeshRenderer:
 
 #: Attributes that a copy has in common with the original.
 _COPIED = ("shape_text", "view", "picker", "_pins", "cut", "caption", "annotated")
-
-
-def _unpickled(dark: bool, added: _Described | None, state: dict[str, Any]) -> MeshRenderer:
-    drawing = MeshRenderer(dark)
-    for prop in [] if added is None else _actors_of(*added):
-        drawing.renderer.AddViewProp(prop)
-    drawing._restore(state)
-    return drawing
-
-
-#: Actors for another process: their numbers, and states and arrays of all VTK objects.
-_Described: TypeAlias = tuple[list[int], list[str], dict[str, npt.NDArray[np.uint8]]]
-
-
-def _described(props: list[vtkProp]) -> _Described | None:
-    if not props:
-        return None
-    manager = _object_manager()
-    numbers = [manager.RegisterObject(prop) for prop in props]
-    manager.UpdateStatesFromObjects()
-    known = manager.GetAllDependencies(0)
-    blobs = {each: vtk_to_numpy(manager.GetBlob(each)) for each in manager.GetBlobHashes(known)}
-    return numbers, [manager.GetState(each) for each in known], blobs
-
-
-def _actors_of(
-    numbers: list[int], states: list[str], blobs: dict[str, npt.NDArray[np.uint8]]
-) -> list[vtkProp]:
-    manager = _object_manager()
-    for name, content in blobs.items():
-        array = vtkTypeUInt8Array()
-        array.SetNumberOfValues(len(content))
-        vtk_to_numpy(array)[:] = content
-        manager.RegisterBlob(name, array)
-    for state in states:
-        manager.RegisterState(state)
-    manager.UpdateObjectsFromStates()
-    return [manager.GetObjectAtId(number) for number in numbers]
-
-
-def _object_manager() -> Any:
-    # imported only for actors of scripts, because the import is slow
-    from vtkmodules.vtkSerializationManager import vtkObjectManager
-
-    manager = vtkObjectManager()
-    manager.Initialize()
-    return manager
 
 
 def _view_of(camera: vtkCamera, width: int, height: int) -> View:
