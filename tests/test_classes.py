@@ -388,3 +388,59 @@ def test_spines_of_another_dendrite_are_learned_from_sixty_strokes(
     moved = mv.predict_classes(mv.Mesh(copy.vertices, copy.faces, "µm"), model).labels.values
     before = mv.predict_classes(other, model, features=seen).labels.values
     assert np.mean(moved[there] == before) > 0.999
+
+
+@pytest.fixture(scope="module")
+def sizes() -> dict[int, mv.Mesh]:
+    """Return the blob with triangles of three sizes, twice as large each."""
+    meshes = {level: shapes.blob(level) for level in (4, 3, 2)}
+    return {
+        level: mv.Mesh(mesh.vertices, mesh.faces, "nm", f"blob {level}")
+        for level, mesh in meshes.items()
+    }
+
+
+def trained(mesh: mv.Mesh, columns: mv.ClassColumns) -> mv.ClassModel:
+    parts = mv.VertexMap("parts", np.where(mesh.vertices[:, 0] > 0.5, 1, 2), labels=LABELS)
+    return mv.train_classes(mesh, parts, columns, "logistic", scored=False)
+
+
+@pytest.mark.parametrize(("of", "on", "said"), [(4, 2, "Refine"), (2, 4, "Decimate"), (3, 3, "")])
+def test_triangles_of_another_size_are_remarked(
+    of: int, on: int, said: str, sizes: dict[int, mv.Mesh]
+) -> None:
+    columns = mv.ClassColumns(0.03, 1.0, 40.0, "nm", kinds=("hks", "curvature"), n_times=8)
+    model, mesh = trained(sizes[of], columns), sizes[on]
+    copy = mv.Mesh(mesh.vertices[::-1] / 1000.0, mesh.n_vertices - 1 - mesh.faces, "µm", "copy")
+    found = mv.predict_classes(copy, model, warn=False)
+    if not said:
+        assert found.remarks == ()
+        return
+    here, there = (columns.edge(sizes[level]) for level in (on, of))
+    (remark,) = found.remarks
+    assert f"a median edge of {here:.3g}\N{NO-BREAK SPACE}nm, and the training meshes" in remark
+    assert f"one of {there:.3g}\N{NO-BREAK SPACE}nm: " in remark
+    # times at which decimation changes a column by more than its spread over the surface
+    fine, coarse = (columns.compute(sizes[level]) for level in (4, 2))
+    shift = np.abs(coarse.values - fine.values[: len(coarse)]).mean(axis=0)  # nested vertices
+    strong = int((shift > fine.values.std(axis=0)).sum())
+    count = int(remark.partition(" of 56 columns")[0].rpartition(" ")[2])
+    assert abs(count - strong) <= 1
+    assert said in remark
+    with pytest.warns(mv.MeshWarning, match="copy: The mesh has a median edge"):
+        mv.predict_classes(copy, model)
+
+
+def test_long_times_have_no_remark(sizes: dict[int, mv.Mesh]) -> None:
+    model = trained(sizes[3], mv.ClassColumns(1.0, 4.0, 10.0, "nm", n_times=4))
+    assert mv.predict_classes(sizes[2], model).remarks == ()
+    assert mv.predict_classes(sizes[4], model).remarks == ()
+
+
+def test_a_model_of_an_earlier_version_has_no_edges(sizes: dict[int, mv.Mesh]) -> None:
+    model = trained(sizes[4], COLUMNS)
+    for each in model.meshes:
+        del each["median_edge"]
+    (remark,) = mv.predict_classes(sizes[2], model, warn=False).remarks
+    assert "a median edge of 0.32\N{NO-BREAK SPACE}nm: " in remark
+    assert mv.predict_classes(sizes[4], model).remarks == ()

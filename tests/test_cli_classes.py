@@ -70,6 +70,18 @@ def test_labels_alone_keep_names_and_colours(capsys: pytest.CaptureFixture[str])
     assert [each.color for each in labels.labels] == ["#4477aa", "#ee6677"]
 
 
+def test_a_remark_on_triangles_of_another_size(capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = shapes.blob(3)
+    write_mesh("fine.ply", mv.Mesh(mesh.vertices, mesh.faces, "nm", "fine"))
+    assert main(list(TRAIN)) == 0
+    capsys.readouterr()
+    assert main(["predict", "fine.ply", "--model", "model.skops", "-o", "fine.npz", "--json"]) == 0
+    written = capsys.readouterr()
+    (remark,) = json.loads(written.out)["remarks"]
+    assert "Decimate the mesh" in remark
+    assert written.err == f"meshmash-viewer: fine.ply: {' '.join(remark.split())}\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -187,7 +187,7 @@ def _write_predicted(
     if options.domains is not None:
         domains = _domains(mesh, Path(options.domains), options.mesh[at])
     with watched(mesh) as callbacks:
-        found = predict_classes(mesh, model, pairs=pairs, domains=domains, **callbacks)
+        found = predict_classes(mesh, model, pairs=pairs, domains=domains, warn=False, **callbacks)
     about = {
         "kind": "classes",
         "model": str(options.model),
@@ -210,7 +210,7 @@ def _write_predicted(
         **pairs_report(pairs, mesh),
         "areas": areas,
         "mean_uncertainty": uncertain,
-        "remarks": output_remarks(path, mesh),
+        "remarks": [*found.remarks, *output_remarks(path, mesh)],
     }
     said = ", ".join(f"{name} {format_share(area / mesh.area)}" for name, area in areas.items())
     return report, f"{path}: {said}; mean uncertainty {uncertain:.2f}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import math
 import zipfile
 from importlib import metadata
 from pathlib import Path
@@ -191,6 +192,8 @@ def _model(path: Path, card: dict[str, Any]) -> ClassModel:
         raise ValueError("its columns do not agree")
     classifier = _classifier(path, kind, len(names), len(classes))
     meshes = tuple(dict(each) for each in card["meshes"])
+    if not all(0.0 < each.get("median_edge", 1.0) < math.inf for each in meshes):
+        raise ValueError("its meshes have impossible edges")
     return ClassModel(
         classifier, kind, columns, classes, importance, float(card["smoothing"]), meshes,
         None if scores is None else ClassScores.from_plain(scores), str(card["unscored"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, require
+from meshmash_viewer.errors import InputError, MeshWarning, of_mesh, require
 from meshmash_viewer.features.domains import checked_labels, domain_means
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.features.sums import Features
@@ -28,13 +29,15 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.units import counted
+from meshmash_viewer.units import counted, format_quantity, format_range
 from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
 
 #: Minimum number of labelled vertices of a class.
 _LEAST = 5
 #: Number of eigenpairs computed to choose the times of columns.
 _PAIRS = 200
+#: Factor up to which the edge lengths of meshes are similar.
+_SIMILAR = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,9 @@ class ClassModel:
     smoothing : float
         Length over which probabilities are smoothed, in the unit of the columns.
     meshes : tuple of dict
-        Name, content hash, and numbers of vertices and of labelled vertices of each training mesh.
+        Name, content hash, unit, median edge length (in the unit of the columns; missing in files
+        of earlier versions), and numbers of vertices and of labelled vertices of each training
+        mesh.
     scores : ClassScores, optional
         Result of the cross-validation; None without one.
     unscored : str
@@ -90,9 +95,38 @@ class ClassModel:
 
     def check_mesh(self, mesh: Mesh) -> None:
         """Raise `InputError` for a mesh without unit, unless it is a training mesh."""
-        hashes = {each.get("hash") for each in self.meshes}
-        if mesh.unit or self.columns.unit or mesh.content_hash not in hashes:
+        if mesh.unit or self.columns.unit or not self._trained_on(mesh):
             self.columns.check_unit(mesh)
+
+    def _trained_on(self, mesh: Mesh) -> bool:
+        return any(each.get("hash") == mesh.content_hash for each in self.meshes)
+
+    def resolution_remark(self, mesh: Mesh) -> str:
+        """Return a sentence on columns that depend on the size of the triangles; "" for none.
+
+        At short times HKS and WKS depend on the triangles more than on the shape, so such columns
+        are comparable only between meshes with triangles of similar size. A model without the
+        edge lengths of its training meshes is assumed to be trained on finer meshes.
+        """
+        columns, edge = self.columns, self.columns.edge(mesh)
+        trained = [each["median_edge"] for each in self.meshes if "median_edge" in each]
+        low, high = (min(trained), max(trained)) if trained else (0.0, 0.0)
+        if low / _SIMILAR <= edge <= high * _SIMILAR or self._trained_on(mesh):
+            return ""
+        names, unresolved = columns.names, columns.unresolved(max(edge, high))
+        if not unresolved.any():
+            return ""
+        first, unit = names[int(unresolved.argmax())], columns.unit
+        size = f"a median edge of {format_quantity(edge, unit)}"
+        if trained:
+            one = format_range(low, high, unit, word="to") if high > 1.05 * low else ""
+            size += f", and the training meshes one of {one or format_quantity(high, unit)}"
+        return (
+            f"The mesh has {size}: {np.count_nonzero(unresolved)} of"
+            f" {counted(len(names), 'column')} ({first}, …) depend on the triangles more than on"
+            f" the shape, so the classes may be wrong. {'Decimate' if edge < low else 'Refine'} the"
+            " mesh, or train a model with longer times (--t-min, t_min=)."
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +141,8 @@ class ClassPrediction:
         Probability of each class, in the order of the model; the sum over classes is 1.
     uncertainty : VertexMap
         One minus the largest probability. Further labels help most where this is high.
+    remarks : tuple of str
+        Sentences on what makes the classes less reliable, see `ClassModel.resolution_remark`.
 
     Examples
     --------
@@ -118,6 +154,7 @@ class ClassPrediction:
     labels: VertexMap
     probabilities: tuple[VertexMap, ...]
     uncertainty: VertexMap
+    remarks: tuple[str, ...] = ()
 
     @property
     def maps(self) -> tuple[VertexMap, ...]:
@@ -249,6 +286,7 @@ def predict_classes(
     pairs: Eigenpairs | None = None,
     features: Features | None = None,
     domains: npt.ArrayLike | None = None,
+    warn: bool = True,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> ClassPrediction:
@@ -267,6 +305,8 @@ def predict_classes(
     domains : array_like of int, shape (n,), optional
         Domain of each vertex, -1 for none, such as `CondensedHKS.labels`. Area-weighted means over
         domains are classified, without smoothing.
+    warn : bool
+        Whether to warn of the remarks, which are also in `ClassPrediction.remarks`.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -280,6 +320,12 @@ def predict_classes(
         If the mesh or the model has no unit of length, a column of the model is missing in
         `features`, or `domains` does not have one value for each vertex.
 
+    Warns
+    -----
+    MeshWarning
+        If the triangles are much larger or smaller than those of the training meshes, and columns
+        depend on their size.
+
     Examples
     --------
     >>> model = mv.train_classes(pill, parts, "curvature")
@@ -289,6 +335,9 @@ def predict_classes(
     """
     mesh = as_mesh(mesh)
     model.check_mesh(mesh)
+    remark = model.resolution_remark(mesh)
+    if remark and warn:
+        warnings.warn(f"{of_mesh(mesh.name)}{remark}", MeshWarning, stacklevel=2)
     if features is None:
         features = model.columns.compute(mesh, pairs, progress=progress, cancel=cancel)
     given = _matching(features, model)
@@ -316,6 +365,7 @@ def predict_classes(
             for name, column in zip(model.names, values.T, strict=True)
         ),
         VertexMap("uncertainty", 1.0 - values.max(axis=1)),
+        (remark,) if remark else (),
     )
 
 

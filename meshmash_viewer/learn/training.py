@@ -121,6 +121,7 @@ class Training:
                 "unit": mesh.unit,
                 "n_vertices": mesh.n_vertices,
                 "n_left_out": len(mesh.unreferenced),
+                "median_edge": columns.edge(mesh),
                 "n_labelled": int(np.count_nonzero(each >= 0)),
             }
             for mesh, each in zip(meshes, places, strict=True)

@@ -96,11 +96,19 @@ def test_the_card_is_json_in_the_archive(blob: mv.Mesh, path: Path) -> None:
         (lambda card: card["columns"].update(kinds=["heat"]), "damaged model"),
         (lambda card: card["classes"].pop(), "damaged model"),
         (lambda card: card["columns"].update(n_times=3), "its columns do not agree"),
+        (lambda card: card["meshes"][0].update(median_edge=0.0), "damaged model"),
+        (lambda card: card["meshes"][0].update(median_edge="wide"), "damaged model"),
     ],
 )
 def test_other_cards_are_refused(path: Path, change: Any, said: str) -> None:
     with pytest.raises(mv.InputError, match=said):
         mv.read_classes(with_card(path, change))
+
+
+@pytest.mark.parametrize("model", ["logistic"], indirect=True)
+def test_a_card_of_an_earlier_version_has_no_edges(blob: mv.Mesh, path: Path) -> None:
+    old = mv.read_classes(with_card(path, lambda card: card["meshes"][0].pop("median_edge")))
+    assert mv.predict_classes(blob, old).remarks == ()
 
 
 @pytest.mark.parametrize("model", ["logistic"], indirect=True)
