@@ -28,6 +28,36 @@ def blocks(stop: int, size: int, start: int = 0) -> Iterator[slice]:
     return (slice(at, min(at + size, stop)) for at in range(start, stop, size))
 
 
+def exact_array(given: Any) -> npt.NDArray[Any]:
+    """Convert a column to an array without rounding whole numbers next to missing ones.
+
+    NumPy converts nullable whole numbers of pandas, polars and Arrow to float64, which rounds
+    identifiers beyond 2⁵³. Here they become objects, with None for a missing value.
+    """
+    made = np.asarray(given)
+    declared = str(getattr(given, "dtype", getattr(given, "type", ""))).lower()
+    rounded = made.dtype.kind == "f" and not declared.startswith(("float", "double", "halffloat"))
+    if made.ndim != 1 or not (rounded or made.dtype.kind == "O"):
+        return made
+    items = given.to_pylist() if hasattr(given, "to_pylist") else list(given)
+    items = [None if _is_missing(each) else _unboxed(each) for each in items]
+    if rounded and not any(isinstance(each, int) for each in items):
+        return made
+    exact = np.empty(len(items), dtype=object)
+    exact[:] = items
+    return exact
+
+
+def _unboxed(item: Any) -> Any:
+    return int(item) if isinstance(item, np.integer) else item
+
+
+def _is_missing(item: Any) -> bool:
+    """Whether an item is None, a NaN, or a missing value of pandas."""
+    is_nan = isinstance(item, float) and np.isnan(item)
+    return item is None or is_nan or type(item).__name__ in ("NAType", "NaTType")
+
+
 def distinct_corners(faces: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
     """Return a mask of the faces with three different corners, shape (m,)."""
     a, b, c = faces.T

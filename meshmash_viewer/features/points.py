@@ -294,7 +294,7 @@ def project_points(
     from scipy.spatial import cKDTree
 
     surface = as_mesh(mesh)
-    table = points if isinstance(points, Points) else Points(np.asarray(points, dtype=np.float64))
+    table = points if isinstance(points, Points) else Points(_as_positions(points))
     places = table.positions_in(surface)
     low, high = surface.bounds
     limit = max_distance
@@ -322,6 +322,16 @@ def project_points(
         raise FarPointsError(f"No point{of} is within {within} of the mesh; {remedy}", unit)
     said = (*table.remarks, remark) if remark else table.remarks
     return ProjectedPoints(table, surface, places, vertices, distances, limit, said)
+
+
+def _as_positions(given: npt.ArrayLike) -> FloatArray:
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"Positions are numbers of shape (k, 3), not {type(given).__name__}: read a table or"
+            " a file with read_points."
+        ) from None
 
 
 def _elsewhere(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, exact_array
 from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.features.points import Points, ProjectedPoints
 from meshmash_viewer.io.formats.tables import ROW_NUMBERS, text_table
@@ -69,8 +69,9 @@ def read_points(
 
     Parameters
     ----------
-    table : str, Path or mapping of str to array_like
-        CSV, Parquet or Feather file, or a table in memory such as a pandas ``DataFrame``.
+    table : str, Path or table
+        CSV, Parquet or Feather file, or a table in memory: a pandas ``DataFrame``, whose named
+        index is a column, too, an Arrow or polars table, or a mapping of names to arrays.
     unit : str
         Unit of the positions: "nm", or "4 x 4 x 40 nm" for voxel indices; "" for the unit of the
         mesh onto which the points are projected.
@@ -86,7 +87,7 @@ def read_points(
     path = Path(table) if isinstance(table, (str, Path)) else None
     name = "The table" if path is None else path.name
     if path is None:
-        columns = {str(key): _held(table[key]) for key in table.keys()}  # type: ignore[index,union-attr]  # noqa: SIM118
+        columns = _in_memory(table)
     else:
         columns = _read(path)
     columns = {each: values for each, values in columns.items() if not _counts_rows(each, values)}
@@ -193,15 +194,56 @@ def _read(path: Path, *, beginning: bool = False) -> Columns:
         raise InputError(f"{path} cannot be read ({said}): check its name and content.") from fault
     except InputError as fault:
         raise InputError(f"{path.name} {fault}: export it again.") from fault
+    return _from_arrow_table(path.name, table)
+
+
+def _from_arrow_table(name: str, table: pyarrow.Table) -> Columns:
     names = [each.strip() for each in table.column_names]
-    if repeated := sorted({each for each in names if names.count(each) > 1}):
-        raise InputError(f"{path.name} has two columns called {repeated[0]!r}: rename one.")
-    return {name: _from_arrow(each) for name, each in zip(names, table.columns, strict=True)}
+    _check_different(name, names)
+    return {each: _from_arrow(column) for each, column in zip(names, table.columns, strict=True)}
+
+
+def _check_different(name: str, columns: Sequence[str]) -> None:
+    """Raise `InputError` if two columns have the same name."""
+    if repeated := next((each for each in columns if columns.count(each) > 1), None):
+        raise InputError(f"{name} has two columns called {repeated!r}: rename one.")
+
+
+def _in_memory(table: Any) -> Columns:
+    """Return the columns of a table in memory, such as a ``DataFrame`` with its named index."""
+    if hasattr(table, "__arrow_c_stream__") and not hasattr(table, "keys"):
+        import pyarrow
+
+        try:
+            return _from_arrow_table("The table", pyarrow.table(table))
+        except pyarrow.ArrowInvalid:
+            pass  # a column, not a table
+    if not (isinstance(table, Mapping) or (hasattr(table, "keys") and hasattr(table, "columns"))):
+        raise InputError(
+            "Points are read from a file or a table with named columns, such as a DataFrame, not"
+            f" from {type(table).__name__}: give positions alone to project_points."
+        )
+    keys = list(table.keys())
+    levels = getattr(getattr(table, "index", None), "names", ())
+    index = {
+        str(name): table.index.get_level_values(level)
+        for level, name in enumerate(levels)
+        if name is not None and name not in keys
+    }
+    names = [
+        "_".join(part for each in key if (part := str(each)))
+        if isinstance(key, tuple)
+        else str(key)
+        for key in keys
+    ]
+    _check_different("The table", [*index, *names])
+    columns = index | dict(zip(names, map(table.__getitem__, keys), strict=True))
+    return {name: _held(values) for name, values in columns.items()}
 
 
 def _held(given: Any) -> npt.NDArray[Any]:
     """Return a column of a table in memory; text and lists become dtype object."""
-    made = np.asarray(given)
+    made = exact_array(given)
     if made.ndim == 1 and made.dtype.kind not in "US":
         return made
     made = np.empty(len(given), dtype=object)
