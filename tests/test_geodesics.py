@@ -9,6 +9,7 @@ import shapes
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.kernels import in_picture, project, visible_of
 from meshmash_viewer.surface.masks import (
+    CELL,
     Geodesics,
     Projection,
     lasso,
@@ -16,6 +17,7 @@ from meshmash_viewer.surface.masks import (
     visible,
     within_polygon,
 )
+from meshmash_viewer.surface.rays import RayTarget
 
 
 def test_a_disc_of_a_plane_is_exact() -> None:
@@ -47,6 +49,26 @@ def test_what_cannot_be_passed_is_gone_around() -> None:
     assert (x[vertices] < 0.0).all()
     vertices, _ = reach.within(np.array([source]), 1.5, ~wall)
     assert (x[vertices] > 0.0).any()
+
+
+def test_the_discs_of_a_stroke_are_those_of_its_sources() -> None:
+    """Except within 5 % of the border; vertices nearer to earlier sources are not visited again."""
+    ball = shapes.icosphere(5)
+    reach, radius, away = Geodesics(ball.vertices, ball.faces), 0.25, np.full(ball.n_vertices, 9.0)
+    way = [int(ball.vertices[:, 0].argmax())]
+    for angle in np.linspace(0.05, 3.0, 60):
+        place = [np.cos(angle), np.sin(angle) * np.cos(angle), np.sin(angle) ** 2]
+        way.append(int((ball.vertices @ place).argmax()))
+    known, chosen, visited, whole = reach.unreached(), np.zeros(ball.n_vertices, np.bool_), 0, 0
+    for source in way:
+        found, _ = reach.within(np.array([source]), radius, None, known)
+        chosen[found] = True
+        vertices, distances = reach.within(np.array([source]), 1.1 * radius)
+        away[vertices] = np.minimum(away[vertices], distances)
+        visited, whole = visited + len(found), whole + len(vertices)
+    assert chosen[away <= 0.95 * radius].all()
+    assert not chosen[away > 1.05 * radius].any()
+    assert visited < 0.65 * whole
 
 
 def seen_of(mesh: Mesh, scale: float = 100.0) -> np.ndarray:
@@ -99,6 +121,31 @@ def test_a_ball_behind_another_is_hidden(subdivisions: int) -> None:
     found = visible(seen, both.faces, facing, chosen, drawn)[: back.n_vertices]
     differing = found != (facing[: back.n_vertices] > 0.0)
     assert (np.abs(facing[: back.n_vertices][differing]) < 1e-6).all()  # on the silhouette
+
+
+def test_small_faces_may_be_left_out_of_a_lasso() -> None:
+    """A ball of large and small faces covers another, whose vertices are not in the lasso."""
+    back, front = shapes.icosphere(5), shapes.icosphere(3, radius=2.0)
+    stretched = np.where(front.vertices[:, :1] > 0.0, 1.0, 0.3) * front.vertices
+    both = Mesh(
+        np.concatenate([back.vertices, stretched + np.array([0.0, 0.0, 6.0])]),
+        np.concatenate([back.faces, front.faces + back.n_vertices]),
+    )
+    points = both.vertices.astype(np.float32)
+    target = RayTarget(points, both.faces)
+    edges = both.vertices[both.faces] - both.vertices[np.roll(both.faces, 1, axis=1)]
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
+    normals = both.vertex_normals.astype(np.float32)
+    for pixel in (0.02, 0.05, 0.2, 1e-9):
+        large = target.larger_faces(CELL * pixel)
+        left_out = len(both.faces) - len(large)
+        kept = {tuple(face) for face in large}
+        assert all(tuple(face) in kept for face in both.faces[longest > CELL * pixel])
+        seen = Projection(points, normals, np.eye(3), np.zeros(3), pixel, (50.0, 50.0))
+        around = 50.0 + box(min(0.9 / pixel, 1000.0))
+        found = [lasso(both, seen, around, None, False, faces) for faces in (large, None)]
+        assert np.array_equal(*found)
+        assert left_out == 0 if pixel < 1e-3 else left_out > len(both.faces) // 3
 
 
 def test_a_first_lasso_compiles_nothing_once_strokes_are_prepared() -> None:

@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
 
 from meshmash_viewer.app.actions import SELECT_MODES
@@ -21,6 +22,7 @@ from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.selection import How, combined
 from meshmash_viewer.surface.masks import (
+    CELL,
     Geodesics,
     Mask,
     between,
@@ -108,6 +110,8 @@ class SelectTool(QObject):
         self._stroke: Mask | None = None
         #: Vertices that the brush can reach: drawn vertices that face the eye.
         self._front: Mask | None = None
+        #: Distances from the centres of the discs of a stroke, see `Geodesics.within`.
+        self._distances: npt.NDArray[np.float32] | None = None
         #: Vertex at the centre of a disc; -1 for none.
         self._centre = -1
         #: The step that is being computed, then the waiting steps.
@@ -188,7 +192,7 @@ class SelectTool(QObject):
 
     def set_radius(self, radius: float) -> None:
         """Set the radius of the brush."""
-        self.radius = radius
+        self.radius, self._distances = radius, None
         self.changed.emit()
 
     def set_range(self, low: float, high: float) -> None:
@@ -271,6 +275,8 @@ class SelectTool(QObject):
                     self._front &= ~away
                 kept = None if self._how == "replace" else self._before
                 self._stroke = np.zeros(mesh.n_vertices, np.bool_) if kept is None else kept.copy()
+                assert self._geodesics is not None
+                self._distances = self._geodesics[1].unreached()
                 self._brush(at)
         elif self.mode == "disc":
             self._centre = self._scene.vertex_near(at.x(), at.y())
@@ -314,7 +320,9 @@ class SelectTool(QObject):
         under = {self._scene.vertex_at(place.x(), place.y()) for place in places} - {-1}
         if under:
             sources = np.array(sorted(under))
-            reached, _ = self._geodesics[1].within(sources, self.radius, self._front)
+            reached, _ = self._geodesics[1].within(
+                sources, self.radius, self._front, self._distances
+            )
             self._stroke[reached] = self._how != "remove"
             self._document.selection.draw(self._stroke, "brush")
 
@@ -335,8 +343,9 @@ class SelectTool(QObject):
         if projection is None or mesh is None:
             return
         polygon = np.array([self._scene.plotter.to_pixels(at.x(), at.y()) for at in self._line])
-        away = self._scene.renderer.away()
-        work = partial(lasso, mesh, projection, polygon, away, self.through)
+        away, picker = self._scene.renderer.away(), self._scene.renderer.picker
+        large = None if picker is None else picker.larger_faces(CELL * projection.pixel)
+        work = partial(lasso, mesh, projection, polygon, away, self.through, large)
         noun = "vertex" if self.through else "visible vertex"
         nothing = f"There is no {noun} in the lasso. The selection stays as it is."
         self._run(_Step(work, self._how, "lasso", nothing))

@@ -15,47 +15,42 @@ numba = import_compiler()
 
 
 @numba.njit(cache=True, nogil=True)
-def spread(starts, around, faces, points, order, sources, radius, passable, distance, done):  # type: ignore[no-untyped-def]
+def spread(starts, around, faces, points, order, sources, radius, passable, distance):  # type: ignore[no-untyped-def]
     """Return the vertices within a distance of sources, nearest first, and the distances.
 
     Vertices are reordered: `order` contains their original indices, which `passable` and the result
-    use. The work arrays `distance` and `done`, shape (n,), must be infinite and False everywhere,
-    and are so again afterwards.
+    use. `distance`, shape (n,), contains the distances from earlier sources, or infinity; it is
+    updated, and only vertices whose distance decreases are returned.
     """
-    queue = [(np.float32(0.0), sources[0])]
-    for source in sources:
-        distance[source] = 0.0
-        heapq.heappush(queue, (np.float32(0.0), source))
+    distance[sources] = 0.0
+    queue = [(np.float32(0.0), source) for source in sources]
     reached = [sources[0] for _ in range(0)]
     while len(queue):
         here, v = heapq.heappop(queue)
-        if done[v]:
+        if here > distance[v]:
             continue
-        done[v] = True
         reached.append(v)
         for place in range(starts[v], starts[v + 1]):
             f = around[place]
             for at in range(3):
                 u = faces[f, at]
-                if u == v or done[u] or not passable[order[u]]:
+                if distance[u] <= here or not passable[order[u]]:
                     continue
                 w = faces[f, 0] + faces[f, 1] + faces[f, 2] - u - v
-                found = np.float32(
-                    _crossed(points[v], points[w], points[u], here, distance[w], done[w])
-                )
+                found = np.float32(_crossed(points[v], points[w], points[u], here, distance[w]))
                 if found < distance[u] and found <= radius:
                     distance[u] = found
                     heapq.heappush(queue, (found, u))
     vertices = np.array(reached)
-    found_at = distance[vertices]
-    distance[vertices] = np.inf  # every vertex in the queue has been reached
-    done[vertices] = False
-    return order[vertices], found_at
+    return order[vertices], distance[vertices]
 
 
 @numba.njit(cache=True, nogil=True)
-def _crossed(a, b, c, at_a, at_b, known_b):  # type: ignore[no-untyped-def]
-    """Compute the distance of c from those of a and b, along a straight line in the triangle."""
+def _crossed(a, b, c, at_a, at_b):  # type: ignore[no-untyped-def]
+    """Compute the distance of c from those of a and b, along a straight line in the triangle.
+
+    The distance of b is used if it is at most that of a, and therefore final.
+    """
     edge = foot = side_a = side_b = 0.0
     for k in range(3):
         along, across, other = b[k] - a[k], c[k] - a[k], c[k] - b[k]
@@ -63,7 +58,7 @@ def _crossed(a, b, c, at_a, at_b, known_b):  # type: ignore[no-untyped-def]
         foot += along * across
         side_a += across * across
         side_b += other * other
-    if not known_b or edge <= 0.0:
+    if at_b > at_a or edge <= 0.0:
         return at_a + np.sqrt(side_a)
     straight = min(at_a + np.sqrt(side_a), at_b + np.sqrt(side_b))
     edge = np.sqrt(edge)

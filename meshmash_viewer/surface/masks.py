@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from threading import Lock
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,7 +16,7 @@ from meshmash_viewer.surface.rays import curve_order
 #: Whether each vertex is selected, shape (n,).
 Mask: TypeAlias = npt.NDArray[np.bool_]
 #: Side of the cells in which heights are compared, in pixels.
-_CELL = 3.0
+CELL = 3.0
 #: Largest slope of a surface against the screen, within a cell.
 _STEEPEST = 5.0
 
@@ -85,27 +84,36 @@ class Geodesics:
         by_vertex = sparse.csr_array((np.ones(3 * m, np.int8), *corners), shape=(m, n)).tocsc()
         self._starts = by_vertex.indptr.astype(np.int32)
         self._around = by_vertex.indices.astype(np.int32)
-        self._scratch = np.full(n, np.inf, dtype=np.float32), np.zeros(n, dtype=np.bool_)
-        self._lock = Lock()
+
+    def unreached(self) -> npt.NDArray[np.float32]:
+        """Return infinite distances, shape (n,), for the first of several calls of `within`."""
+        return np.full(len(self._vertices), np.inf, dtype=np.float32)
 
     def within(
-        self, sources: IntArray, radius: float, passable: Mask | None = None
+        self,
+        sources: IntArray,
+        radius: float,
+        passable: Mask | None = None,
+        distances: npt.NDArray[np.float32] | None = None,
     ) -> tuple[IntArray, FloatArray]:
         """Find the vertices within a distance of sources, and their distances, shape (k,) each.
 
         The distances of two corners of a face determine the position of the source in its plane,
         from which the distance of the third corner is measured: this is exact on a plane without
-        obtuse faces. Only vertices in `passable`, shape (n,), and the sources are reached.
+        obtuse faces. Only vertices in `passable`, shape (n,), and the sources are reached. After
+        earlier calls with the same `distances` (see `unreached`), only vertices nearer to the new
+        sources are found.
         """
         from meshmash_viewer.surface.kernels import spread
 
         if passable is None:
             passable = np.ones(len(self._vertices), dtype=np.bool_)
+        if distances is None:
+            distances = self.unreached()
         given = self._place[np.unique(sources)]
         surface = self._starts, self._around, self._faces, self._vertices, self._order
-        with self._lock:
-            vertices, distances = spread(*surface, given, radius, passable, *self._scratch)
-        return np.asarray(vertices, dtype=np.int64), np.asarray(distances, dtype=np.float64)
+        vertices, found = spread(*surface, given, radius, passable, distances)
+        return np.asarray(vertices, dtype=np.int64), np.asarray(found, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,12 +173,12 @@ def visible(
     """Return a mask of chosen vertices that face the eye and that no face covers, shape (n,).
 
     `seen` and `facing` are attributes of a `Projection`. A face is drawn if its three corners are
-    drawn. Heights are compared in cells of three pixels, so that a steep surface does not cover
-    itself.
+    drawn; faces of at most `CELL` pixels may be left out. Heights are compared in cells of three
+    pixels, so that a steep surface does not cover itself.
     """
     from meshmash_viewer.surface.kernels import visible_of
 
-    return np.asarray(visible_of(seen, faces, facing, chosen, drawn, _CELL, _STEEPEST))
+    return np.asarray(visible_of(seen, faces, facing, chosen, drawn, CELL, _STEEPEST))
 
 
 def prepared(mesh: Mesh) -> Geodesics:
@@ -194,17 +202,24 @@ def disc(geodesics: Geodesics, mesh: Mesh, centre: int, radius: float) -> Mask:
 
 
 def lasso(
-    mesh: Mesh, projection: Projection, polygon: FloatArray, hidden: Mask | None, through: bool
+    mesh: Mesh,
+    projection: Projection,
+    polygon: FloatArray,
+    hidden: Mask | None,
+    through: bool,
+    large: IntArray | None = None,
 ) -> Mask:
     """Return a mask of the visible vertices, or all if `through`, in a polygon in pixels.
 
-    Vertices in `hidden` are left out and cover no others.
+    Vertices in `hidden` are left out and cover no others. `large`, by default all faces, are the
+    faces that may be longer than `CELL` pixels.
     """
     drawn = mesh.referenced if hidden is None else mesh.referenced & ~hidden
     chosen = within_polygon(projection.seen, polygon) & drawn
     if through:
         return chosen
-    return visible(projection.seen, mesh.faces, projection.facing, chosen, drawn)
+    faces = mesh.faces if large is None else large
+    return visible(projection.seen, faces, projection.facing, chosen, drawn)
 
 
 def component(mesh: Mesh, vertex: int) -> Mask:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 
 #: Number of boxes whose faces are tested first; each time twice as many are tested next.
@@ -72,6 +72,8 @@ class RayTarget:
         self._group = max(16, int(np.sqrt(len(faces)) / 16.0))
         starts = np.arange(0, len(faces), self._group)
         self._low, self._high = np.empty((2, 3, len(starts)))
+        #: Largest diagonal of the bounding box of a face, in each group.
+        self._largest = np.zeros(len(starts))
         self._order = np.zeros(0, dtype=np.int32)
         self._size = 1.0
         if len(faces) == 0:
@@ -80,11 +82,15 @@ class RayTarget:
         key = curve_order(points)[faces[:, 0]].astype(np.uint32)
         self._order = np.argsort(key).astype(np.int32)
         ordered = faces[self._order]
+        squared = np.zeros(len(faces), dtype=np.float32)
         for axis in range(3):
             check_cancelled(cancel)
             corners = points[:, axis][ordered]
-            self._low[axis] = np.minimum.reduceat(corners.min(axis=1), starts)
-            self._high[axis] = np.maximum.reduceat(corners.max(axis=1), starts)
+            low, high = corners.min(axis=1), corners.max(axis=1)
+            self._low[axis] = np.minimum.reduceat(low, starts)
+            self._high[axis] = np.maximum.reduceat(high, starts)
+            squared += (high - low) ** 2
+        self._largest = np.sqrt(np.maximum.reduceat(squared, starts))
         extent = self._high.max(axis=1) - self._low.min(axis=1)
         self._size = float(np.linalg.norm(extent)) or 1.0
         margin = _BOX_MARGIN * float(extent.max())
@@ -125,9 +131,8 @@ class RayTarget:
         middle, half = (self._high + self._low) / 2.0, (self._high - self._low) / 2.0
         away = np.abs(across @ (middle - through[:, None])) - np.abs(across) @ half
         groups = np.flatnonzero((away <= radius).all(axis=0))
-        places = groups[:, None] * self._group + np.arange(self._group)
         found = np.zeros(len(self._points), dtype=np.bool_)
-        found[self._faces[self._order[places[places < len(self._order)]]]] = True
+        found[self._faces[self._faces_in(groups)]] = True
         corners = np.flatnonzero(found)  # several times as fast as np.unique
         squared = (((self._points[corners] - through) @ across.T) ** 2).sum(axis=1)
         order = np.argsort(squared, kind="stable")
@@ -149,14 +154,26 @@ class RayTarget:
         nearest, found = np.inf, -1
         first, opened = 0, _OPENED
         while first < len(met) and enters[met[first]] <= nearest:
-            places = met[first : first + opened, None] * self._group + np.arange(self._group)
+            faces = self._faces_in(met[first : first + opened])
             first, opened = first + opened, 2 * opened
-            faces = self._order[places[places < len(self._order)]]
             shares = _shares(self._points[self._faces[faces]].astype(np.float64), start, way)
             best = int(np.argmin(shares))
             if shares[best] < nearest:
                 nearest, found = float(shares[best]), int(faces[best])
         return Hit(found, start + nearest * way) if found >= 0 else None
+
+    def larger_faces(self, length: float) -> IntArray:
+        """Return the faces that may be longer than a length, shape (k, 3), with others near them.
+
+        All other faces fit into a box with a diagonal of this length.
+        """
+        chosen = self._faces_in(np.flatnonzero(self._largest > length))
+        return np.asarray(self._faces[chosen], dtype=np.int64)
+
+    def _faces_in(self, groups: IntArray) -> npt.NDArray[np.int32]:
+        """Return the indices of the faces in groups."""
+        places = groups[:, None] * self._group + np.arange(self._group)
+        return np.asarray(self._order[places[places < len(self._order)]])
 
     def _entries(self, start: FloatArray, way: FloatArray) -> FloatArray:
         """Compute the share of `way` at which the ray enters each box, (g,); inf if missed."""
