@@ -453,3 +453,11 @@ def test_tables_given_as_positions_and_repeated_names_are_refused() -> None:
         mv.project_points(BALL, "synapses.csv")
     with pytest.raises(InputError, match="two columns called 'size': rename one"):
         mv.read_points(pandas.concat([TABLE, TABLE[["size"]]], axis=1))
+
+
+@pytest.mark.parametrize("ending", ["parquet", "feather"])
+def test_the_named_range_of_pandas_is_a_column_of_a_file(tmp_path: Path, ending: str) -> None:
+    table = TABLE.drop(columns="id").set_index(pandas.RangeIndex(700, 720, name="id"))
+    getattr(table, f"to_{ending}")(tmp_path / f"points.{ending}")
+    found = mv.read_points(tmp_path / f"points.{ending}")
+    assert found.columns[found.id].tolist() == list(range(700, 720))

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, exact_array
 from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.features.points import Points, ProjectedPoints
-from meshmash_viewer.io.formats.tables import ROW_NUMBERS, text_table
+from meshmash_viewer.io.formats.tables import ROW_NUMBERS, plain_table, text_table
 from meshmash_viewer.io.write import write_table
 from meshmash_viewer.io.writers import FeatureTable
 from meshmash_viewer.quantities import parse_unit
@@ -186,7 +186,7 @@ def _read(path: Path, *, beginning: bool = False) -> Columns:
         if ending in _TEXT_ENDINGS:
             table = text_table(path, _BEGINNING if beginning else None)
         else:
-            table = _arrow_table(path, ending, beginning)
+            table = plain_table(_arrow_table(path, ending, beginning))
     except ModuleNotFoundError as fault:
         raise InputError(f"{path.name} is read by {not_installed('pyarrow')}.") from fault
     except OSError as fault:

@@ -118,9 +118,34 @@ def parquet_maps(path: Path) -> RawMesh:
     """Read the columns of numbers of a Parquet table."""
     import pyarrow.parquet
 
-    table = pyarrow.parquet.read_table(path, use_threads=False)
+    table = plain_table(pyarrow.parquet.read_table(path, use_threads=False))
     said = (table.schema.metadata or {}).get(b"meshmash-viewer", b"")
     return replace(_maps(table), meta=said.decode("utf-8", "replace"))
+
+
+def plain_table(table: pyarrow.Table) -> pyarrow.Table:
+    """Return a table of pandas with categories as values, and its named index as a column.
+
+    pandas stores an index of evenly spaced numbers, such as reversed vertices, in the metadata.
+    """
+    import pyarrow
+
+    try:
+        index = (table.schema.pandas_metadata or {}).get("index_columns", [])
+    except ValueError:  # metadata of another program
+        index = []
+    for level in index:
+        if (
+            isinstance(level, dict)
+            and level.get("name")
+            and level["name"] not in table.column_names
+        ):
+            numbers = np.arange(table.num_rows) * level["step"] + level["start"]
+            table = table.append_column(level["name"], pyarrow.array(numbers))
+    for at, field in enumerate(table.schema):
+        if pyarrow.types.is_dictionary(field.type):
+            table = table.set_column(at, field.name, table[at].cast(field.type.value_type))
+    return table
 
 
 def text_layout(path: Path) -> tuple[dict[str, Any], str, str]:
