@@ -214,10 +214,11 @@ def subscript(number: int) -> str:
     return str(number).translate(_SUBSCRIPTS)
 
 
-def whole_number(count: float, name: str) -> int:
-    """Return a count as int; raise `InputError` with its `name` unless whole and positive."""
-    if not (math.isfinite(count) and count >= 1 and count == int(count)):
-        raise InputError(f"{name} is {count}: give a whole number from 1.")
+def whole_number(count: float, name: str, most: float = math.inf) -> int:
+    """Return a count as int; raise `InputError` with its `name` unless whole, from 1 to `most`."""
+    if not (math.isfinite(count) and 1 <= count <= most and count == int(count)):
+        limit = f" to {most:,}" if math.isfinite(most) else ""
+        raise InputError(f"{name} is {count}: give a whole number from 1{limit}.")
     return int(count)
 
 

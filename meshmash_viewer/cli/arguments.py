@@ -49,9 +49,9 @@ def option_type(parse: Callable[[str], _T]) -> Callable[[str], _T]:
     return parsed
 
 
-def whole(least: int = 0) -> Callable[[str], int]:
-    """Return a parser of whole numbers from a minimum."""
-    return option_type(lambda text: parse_whole(text, least, _MOST, "the value"))
+def whole(least: int = 0, most: int = _MOST) -> Callable[[str], int]:
+    """Return a parser of whole numbers from a minimum to a maximum."""
+    return option_type(lambda text: parse_whole(text, least, most, "the value"))
 
 
 def number(unit: str = "", *, share: bool = False) -> Callable[[str], float]:

@@ -39,6 +39,7 @@ from meshmash_viewer.io.read import mesh_name
 from meshmash_viewer.learn.classes import ClassModel, predict_classes, train_classes
 from meshmash_viewer.learn.columns import ClassColumns
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted, format_quantity, format_share
@@ -67,6 +68,7 @@ def train(options: Namespace) -> int:
             said = "" if str(given).partition(":")[0] in str(fault) else f"{given}: "
             raise InputError(f"{said}{fault}") from fault
         if columns is None:
+            check_columns(mesh.n_vertices, own.n_components or 32)
             pairs = solved(mesh, own, own.target)
             columns = _columns(mesh, pairs, own)
         else:

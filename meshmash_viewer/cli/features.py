@@ -37,6 +37,7 @@ from meshmash_viewer.io.write import check_output
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import maps_alone, write_results
 from meshmash_viewer.model.pieces import PiecesJob, described_seams
+from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
 from meshmash_viewer.units import counted
@@ -90,6 +91,7 @@ def _check_combination(options: Namespace) -> None:
 
 def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:
     mesh = prepared(raw, options)
+    _check_room(mesh, family)
     job = PiecesJob(
         mesh,
         path,
@@ -173,6 +175,7 @@ def solved_target(
     mesh: Mesh, family: Family, options: Namespace, remarks: list[str]
 ) -> tuple[Eigenpairs | None, Target]:
     """Return the eigenpairs of a mesh, None if the family needs none, and the target."""
+    _check_room(mesh, family)
     n, target, limit = mesh.n_vertices - len(mesh.unreferenced), options.target, ""
     if target is None:  # --count auto
         shortest, edge = options.t_min, median_edge_length(mesh)
@@ -191,6 +194,12 @@ def solved_target(
         return solved(mesh, options, target), target
     except InputError as fault:
         raise InputError(f"{fault} {limit}".strip()) from fault
+
+
+def _check_room(mesh: Mesh, family: Family) -> None:
+    """Raise `InputError` if the columns of a family take more than the free memory."""
+    if family.counted:
+        check_columns(mesh.n_vertices, getattr(family, family.counted))
 
 
 def computed_features(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from meshmash_viewer.cli.arguments import TargetQuantity, number, option_type, quantity, whole
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_responses import MOST_FILTERS
 from meshmash_viewer.quantities import (
     Quantity,
     parse_number,
@@ -128,7 +129,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--scheduler": _takes(_scheduler, "ADDRESS", "compute on the workers of this Dask scheduler,"
         " one task per mesh (the pieces of a single one), or by N processes with local:N; writes a"
         " manifest next to the results"),
-    "--n-components": _takes(whole(1), "N"),
+    "--n-components": _takes(whole(1, MOST_FILTERS), "N"),
     "--tail": {
         "choices": ("weyl",),
         "help": "for --kind hks: add the contribution of higher eigenpairs expected by Weyl's law",

@@ -17,7 +17,11 @@ import numpy.typing as npt
 from scipy import sparse
 
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning, of_mesh
-from meshmash_viewer.features.filter_responses import check_times, checked_coefficients
+from meshmash_viewer.features.filter_responses import (
+    MOST_FILTERS,
+    check_times,
+    checked_coefficients,
+)
 from meshmash_viewer.features.filters import (
     FilterBank,
     HeatKernelFilter,
@@ -35,6 +39,7 @@ from meshmash_viewer.features.truncation import (
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, mask_text, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigensolver import (
     DEFAULT_MAX_EIGENVALUE,
     check_bands,
@@ -214,7 +219,7 @@ def compute_hks(
     >>> round(1 / float(ball.area), 2)
     0.08
     """
-    n_scales = whole_number(n_components, "n_components")
+    n_scales = whole_number(n_components, "n_components", MOST_FILTERS)
     check_times(t_min, t_max)
     check_tail(tail, "hks")
     check_bands(max_eigenvalue, band_size)
@@ -222,6 +227,7 @@ def compute_hks(
         masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
         progress, cancel, mask is not None,
     )  # fmt: skip
+    check_columns(computation.matrices[0].shape[0], n_scales)
 
     def bank(_: npt.NDArray[np.float64]) -> Filter:
         return get_hks_filter(t_max, t_min, n_scales)
@@ -287,7 +293,7 @@ def compute_geometry_vectors(
     >>> bands.shape
     (642, 8)
     """
-    n_bands = whole_number(n_components, "n_components")
+    n_bands = whole_number(n_components, "n_components", MOST_FILTERS)
     check_bands(max_eigenvalue, band_size)
     if count == "auto":
         refuse_two_extents(DEFAULT_MAX_EIGENVALUE, count, wavelength)
@@ -299,6 +305,7 @@ def compute_geometry_vectors(
         masked(mesh, mask), decomposition_dtype, drop_first, robust, mollify_factor, verbose,
         progress, cancel, mask is not None,
     )  # fmt: skip
+    check_columns(computation.matrices[0].shape[0], n_bands)
 
     def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank:
         last = float(eigenvalues[-1]) if len(eigenvalues) else 0.0

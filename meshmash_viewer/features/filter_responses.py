@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Eigenvalues below this share of the largest are zero within rounding.
 ZERO_SHARE = 1e-10
+#: Maximum number of columns of a filter bank.
+MOST_FILTERS = 100_000
 #: Relative difference up to which an eigenvalue equals the end of a range.
 _ROUNDING = 1e-9
 
@@ -97,7 +99,7 @@ def hks_times(
     >>> mv.hks_times([0.0, 2.0], t_min=1.0, t_max=100.0, n_scales=3)
     array([  1.,  10., 100.])
     """
-    n_scales = whole_number(n_scales, "The number of time scales")
+    n_scales = whole_number(n_scales, "The number of time scales", MOST_FILTERS)
     check_times(t_min, t_max)
     if t_min is None or t_max is None:
         shortest, longest = hks_time_range(eigenvalues, area)
@@ -138,18 +140,23 @@ def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
     parameters = np.array(values, dtype=np.float64)
     if parameters.ndim != 1 or not len(parameters):
         raise InputError(f"Give a 1-D list of at least one {name}.")
+    if len(parameters) > MOST_FILTERS:
+        raise InputError(
+            f"A column for each {name} would be {len(parameters):,} columns: give at most"
+            f" {MOST_FILTERS:,}."
+        )
     if not (np.isfinite(parameters).all() and (parameters >= 0.0).all()):
         raise InputError(f"A {name} is negative or not finite: {parameters.tolist()}.")
     return parameters
 
 
-def short_text(parameters: FloatArray, index: int) -> str:
-    """Format a parameter with three digits, or as many as distinguish all parameters."""
+def short_texts(parameters: FloatArray) -> list[str]:
+    """Format parameters with three digits, or as many as distinguish all parameters."""
     for digits in range(3, 18):
         written = [f"{value:.{digits - 1}e}" for value in parameters]
         if len(set(written)) == len(set(parameters.tolist())):
             break
-    return written[index]
+    return written
 
 
 def checked_coefficients(returned: npt.ArrayLike, eigenvalues: FloatArray) -> FloatArray:
@@ -261,7 +268,7 @@ def wave_response(
 ) -> LogGaussianResponse:
     """Make the filters of `wave_kernel_bank` without normalisation."""
     spectrum = as_spectrum(eigenvalues)
-    n_energies = whole_number(n_energies, "The number of energies")
+    n_energies = whole_number(n_energies, "The number of energies", MOST_FILTERS)
     _check_deviation(width, "width")
     first = first_nonzero_eigenvalue(spectrum)
     low, high = float(np.log(first)), float(np.log(spectrum.max()))

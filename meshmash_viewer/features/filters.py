@@ -17,6 +17,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_responses import (
+    MOST_FILTERS,
     HeatResponse,
     LogGaussianResponse,
     SplineResponse,
@@ -27,11 +28,12 @@ from meshmash_viewer.features.filter_responses import (
     check_times,
     first_nonzero_eigenvalue,
     hks_times,
-    short_text,
+    short_texts,
     wave_bands,
     wave_response,
 )
-from meshmash_viewer.units import whole_number
+from meshmash_viewer.spectral.cost import check_room
+from meshmash_viewer.units import counted, whole_number
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -130,7 +132,7 @@ def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
            [1.   , 0.135]])
     """
     scales = as_parameters(times, "diffusion time")
-    columns = tuple(f"hks_t={short_text(scales, i)}" for i in range(len(scales)))
+    columns = tuple(f"hks_t={each}" for each in short_texts(scales))
     return FilterBank("hks", columns, scales, "t", 2, HeatResponse(scales))
 
 
@@ -184,7 +186,7 @@ def wave_kernel_bank(
         floor = 0.5 * first_nonzero_eigenvalue(eigenvalues)
         response = LogGaussianResponse(*wave_bands(energies, width, sigma), floor)
     centers = np.exp(response.energies)
-    columns = tuple(f"wks_λ={short_text(centers, i)}" for i in range(len(centers)))
+    columns = tuple(f"wks_λ={each}" for each in short_texts(centers))
     return FilterBank("wks", columns, centers, "λ", -2, response, normalised=True)
 
 
@@ -235,7 +237,7 @@ def low_pass_bank(cutoff: float) -> FilterBank:
     array([[1., 1., 0.]])
     """
     bound = as_parameters([cutoff], "cutoff")
-    columns = (f"low_pass_λ<{short_text(bound, 0)}",)
+    columns = (f"low_pass_λ<{short_texts(bound)[0]}",)
     response = StepResponse(-np.inf, bound[0], closed=False)
     return FilterBank("low-pass", columns, bound, "λ", -2, response)
 
@@ -251,7 +253,7 @@ def band_pass_bank(low: float, high: float) -> FilterBank:
     bounds = as_parameters([low, high], "bound of a band")
     if low > high:
         raise InputError(f"The band from {low:g} to {high:g} is empty: swap its bounds.")
-    columns = (f"band_pass_λ={short_text(bounds, 0)}..{short_text(bounds, 1)}",)
+    columns = (f"band_pass_λ={'..'.join(short_texts(bounds))}",)
     centre = np.array([bounds.mean()])
     response = StepResponse(bounds[0], bounds[1], closed=True)
     return FilterBank("band-pass", columns, centre, "λ", -2, response)
@@ -272,7 +274,7 @@ def gaussian_pyramid_bank(scales: npt.ArrayLike) -> FilterBank:
            [1.   , 0.135]])
     """
     variances = as_parameters(scales, "scale")
-    columns = tuple(f"gaussian_s={short_text(variances, i)}" for i in range(len(variances)))
+    columns = tuple(f"gaussian_s={each}" for each in short_texts(variances))
     response = HeatResponse(variances)
     return FilterBank("gaussian-pyramid", columns, variances, "s", 2, response)
 
@@ -309,7 +311,7 @@ def get_hks_filter(
            [1.   , 0.135]])
     """
     # Raise before the decomposition.
-    n_scales = whole_number(n_scales, "The number of time scales")
+    n_scales = whole_number(n_scales, "The number of time scales", MOST_FILTERS)
     check_times(t_min, t_max)
     return HeatKernelFilter(t_min, t_max, n_scales, np.dtype(dtype))
 
@@ -340,7 +342,9 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
     """
     from scipy.interpolate import BSpline
 
-    n_components = whole_number(n_components, "The number of B-splines")
+    n_components = whole_number(n_components, "The number of B-splines", MOST_FILTERS)
+    fewer = "take fewer (--n-components, n_components=)"
+    check_room(f"{counted(n_components, 'B-spline')}", 8.0 * n_components**2, fewer)
     low, high = float(e_min), float(e_max)
     if not (np.isfinite(low) and np.isfinite(high) and high > low):
         raise InputError(

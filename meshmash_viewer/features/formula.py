@@ -27,7 +27,7 @@ from meshmash_viewer.features.filter_responses import (
     ZERO_SHARE,
     as_parameters,
     as_spectrum,
-    short_text,
+    short_texts,
 )
 from meshmash_viewer.features.filters import FilterBank
 
@@ -285,7 +285,7 @@ def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
         for index in range(len(places))
     )
     power = formula.powers.get(swept, 0)
-    names = tuple(f"filter_{swept}={short_text(places, at)}" for at in range(len(places)))
+    names = tuple(f"filter_{swept}={text}" for text in short_texts(places))
     return FilterBank(
         "filter", names if swept else ("filter",), places, swept, power,
         FormulaResponse(formula, each),

@@ -27,6 +27,7 @@ from meshmash_viewer.features.truncation import (
 )
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
+from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import named_apart
 
@@ -345,7 +346,8 @@ def accumulate_features(
     """Sum ``coefficients[f, k] rows[k, v]²`` over k, reading each row once: shape (n, f).
 
     `rows`, shape (k, n), may be a memory map; a few rows are read at a time. ``Σ_k rows[k, v]²`` is
-    added to `density`, shape (n,), if given. `InputError` is raised if the shapes do not agree.
+    added to `density`, shape (n,), if given. `InputError` is raised if the shapes do not agree, or
+    the sums take more than the free memory.
     """
     weights = np.asarray(coefficients, dtype=np.float64)
     k = len(rows)
@@ -354,6 +356,7 @@ def accumulate_features(
             f"The filter returned shape {weights.shape} for {k} eigenvalues: it has to return one "
             "row of coefficients for each filter, shape (n_filters, n_eigenvalues)."
         )
+    check_columns(rows.shape[1], len(weights))
     sums = sum_squares(rows, weights, np.float64, order="F", negligible=0.0, density=density)
     return np.asarray(sums, dtype=np.float64).T
 

@@ -16,6 +16,7 @@ from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, Columns
 from meshmash_viewer.fields.family import ColumnArray, Description, Profile, Samples
 from meshmash_viewer.fields.parameter import Whole, parameter
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.cost import check_room
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ def invariant_columns(
     step = math.log(2.0) * min(0.5, 8.0 / count)
     first, last = first_nonzero_eigenvalue(eigenvalues), float(eigenvalues[-1])
     n_times = math.ceil(math.log(_AFTER / first / (_BEFORE / last)) / step) + 1
+    needed = 24.0 * n_times * len(eigenvalues) + 16.0 * n_times * count
+    check_room(f"{count:,} columns at {n_times:,} times", needed, "take fewer (--n-components)")
     places = step * np.arange(n_times)
     exponents = np.outer(_BEFORE / last * np.exp(places), np.maximum(eigenvalues, 0.0))
     decay = np.exp(-exponents)

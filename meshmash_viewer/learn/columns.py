@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filter_responses import check_times, hks_time_range
+from meshmash_viewer.features.filter_responses import MOST_FILTERS, check_times, hks_time_range
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank, wave_kernel_bank
 from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.health import median_edge_length
@@ -21,6 +21,7 @@ from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_l
 from meshmash_viewer.learn import KINDS
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
+from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Rows
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.surface.curvature import gaussian_curvature, mean_curvature
@@ -106,7 +107,7 @@ class ClassColumns:
         if self.unit not in LENGTH_UNITS:
             raise InputError(f"{self.unit!r} is no unit of length: give one of nm, µm, mm, m.")
         for name in ("n_times", "n_lengths"):
-            whole_number(getattr(self, name), name)
+            whole_number(getattr(self, name), name, MOST_FILTERS)
 
     @classmethod
     def chosen(
@@ -225,6 +226,7 @@ class ClassColumns:
             Values of shape (n, f), in powers of `unit`; NaN at unreferenced vertices.
         """
         mesh = as_mesh(mesh)
+        check_columns(mesh.n_vertices, len(self.names))
         if pairs is None or not self._reached(mesh, pairs):
             pairs = solve(
                 *self.matrices(mesh), max_eigenvalue=self.limit(mesh), progress=progress,

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.spectral.engine.factorization import OrderedPencil
 from meshmash_viewer.units import NO_BREAK, counted, format_number
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.engine.factorization import OrderedPencil
 
 #: Seconds per vertex and pair on two cores of 2024, until a run has been measured.
 _SECONDS = 2.5e-7
 #: Maximum share of the free memory for a run.
 _SHARE = 0.9
+#: Bytes for each value of a feature: in double precision, and a copy.
+_VALUE_BYTES = 16
 #: Time that does not depend on the number of pairs, expressed in pairs.
 _FIXED_PAIRS = 15
 
@@ -67,6 +72,26 @@ def check_memory(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
         f"{written_bytes(needed)} of memory, and "
         f"{written_bytes(free)} are free: {way_out}, or close other programs."
     )
+
+
+def check_room(what: str, needed: float, remedy: str) -> None:
+    """Raise an `InputError` if arrays take more than the free memory.
+
+    `what` is the plural subject of the message, `needed` the bytes, `remedy` an imperative.
+    """
+    free = free_memory()
+    if needed > _SHARE * free:
+        raise InputError(
+            f"{what} take about {written_bytes(needed)} of memory, and {written_bytes(free)} are"
+            f" free: {remedy}, or close other programs."
+        )
+
+
+def check_columns(n_vertices: int, n_columns: int) -> None:
+    """Raise an `InputError` if feature columns take more than the free memory."""
+    fewer = "take fewer columns (--n-components, n_components=)"
+    what = f"{counted(n_columns, 'column')} of {counted(n_vertices, 'vertex')}"
+    check_room(what, _VALUE_BYTES * float(n_vertices) * n_columns, fewer)
 
 
 def decomposition_bytes(n_vertices: int, n_pairs: float) -> int:

@@ -26,7 +26,7 @@ from meshmash_viewer.features.domains import (
     condense_mesh_to_graph,
     require,
 )
-from meshmash_viewer.features.filter_responses import check_times
+from meshmash_viewer.features.filter_responses import MOST_FILTERS, check_times
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.features.truncation import Truncation, warn_of_truncation
@@ -118,7 +118,7 @@ def _task_of(given: Mapping[str, Any]) -> PieceFeatures:
     if t_min is None or t_max is None:
         raise InputError("t_min and t_max are of all pieces, which share no spectrum: give both.")
     check_times(t_min, t_max)
-    count = whole_number(given["n_components"], "n_components")
+    count = whole_number(given["n_components"], "n_components", MOST_FILTERS)
     top = given["max_eigenvalue"]
     if not 0.0 < top < math.inf:
         raise InputError(f"max_eigenvalue is {top!r}: give a positive one, per nm².")
