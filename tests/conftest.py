@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import subprocess
@@ -16,12 +17,17 @@ import shapes
 
 from meshmash_viewer.mesh import Mesh
 
+#: Cache of Mesa's shaders, matplotlib's fonts and others on Linux, shared by all tests and runs.
+SHARED_CACHE = Path(__file__).resolve().parent.parent / "build" / "cache"
+
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Start a separate virtual screen for each process of a parallel run, on Linux.
+    """Set the cache of other libraries, and a virtual screen for each process of a parallel run.
 
     Windows on a common screen would take the focus from each other.
     """
+    os.environ["XDG_CACHE_HOME"] = str(SHARED_CACHE)
+    gc.disable()  # while modules are imported and tests are collected
     if not hasattr(config, "workerinput") or not sys.platform.startswith("linux"):
         return
     if not shutil.which("Xvfb"):
@@ -41,6 +47,12 @@ def pytest_configure(config: pytest.Config) -> None:
         screen.wait()
 
     config.add_cleanup(end)
+
+
+def pytest_collection_finish() -> None:
+    """Exclude the objects that exist after collection from later garbage collections."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture
@@ -81,11 +93,10 @@ def caches(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(autouse=True)
 def own_cache(caches: Iterator[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Set new cache folders for a test and its child processes."""
+    """Set a new cache folder of our own for a test and its child processes."""
     folder = next(caches)
     folder.mkdir()
     monkeypatch.setenv("MESHMASH_CACHE", str(folder))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))  # for Mesa and numba on Linux
     return folder
 
 
