@@ -18,6 +18,7 @@ from meshmash_viewer.app import listening, theme
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.app.view import frames
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.document import Document
@@ -51,6 +52,16 @@ def jobs_in_threads() -> Iterator[None]:
     Worker.in_process = True
     yield
     Worker.in_process = False  # for the tests of other folders in the same process
+
+
+@pytest.fixture(autouse=True)
+def single_samples(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw frames without multisampling, except in tests of pixels.
+
+    Multisampling takes a fifth of the processor time of tests with windows.
+    """
+    if request.node.get_closest_marker("pixels") is None:
+        monkeypatch.setattr(frames, "SAMPLES", 0)
 
 
 @pytest.fixture

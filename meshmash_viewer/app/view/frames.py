@@ -20,6 +20,8 @@ from meshmash_viewer.surface.decimation import CoarseMesh, cluster_vertices
 REST = 220
 #: Durations in seconds above which a frame is slow, and above which multisampling is disabled.
 SLOW_FRAME, VERY_SLOW_FRAME = 0.045, 0.3
+#: Samples of a pixel in frames that are multisampled.
+SAMPLES = 4
 #: Approximate number of vertices of a stand-in, made for meshes of more than twice this number.
 COARSE_VERTICES = 40_000
 #: Number of frames timed for each mesh, after the first frame, which compiles shaders.
@@ -173,7 +175,7 @@ class Frames(QObject):
         # Multisampling may double the time of a frame. Slow frames are multisampled only at rest;
         # very slow frames at rest are smoothed by FXAA instead.
         quickly = self.slow and (self._seconds > VERY_SLOW_FRAME or not at_rest)
-        window.SetMultiSamples(0 if quickly else 4)
+        window.SetMultiSamples(0 if quickly else SAMPLES)
         drawing.renderer.SetUseFXAA(quickly and at_rest)
         started, view = perf_counter(), drawing.view
         drawing.prepare(*self._canvas.pixels())
