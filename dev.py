@@ -52,6 +52,9 @@ SYSTEM_PROGRAMS = {"Xvfb": "xvfb", "xauth": "xauth", "objdump": "binutils"}
 #: Largest number of failed tests that are repeated: more are not due to a busy machine.
 MOST_REPEATED = 20
 
+#: Compiles the kernels of the eigensolver unless they are in numba's cache.
+COMPILE = "from meshmash_viewer.spectral.engine import multifrontal, symbolic"
+
 #: Benchmarks that open windows.
 WITH_WINDOWS = ("walk", "progress")
 
@@ -137,7 +140,8 @@ def fingerprint() -> str:
 def install(extras: str) -> None:
     """Install the package with extras into .venv, under constraints.txt."""
     pip = (PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input")
-    must(*pip, "--constraint", "constraints.txt", "--editable", f".[{extras}]")
+    # --no-compile: Python compiles a module at its first import; most are never imported
+    must(*pip, "--no-compile", "--constraint", "constraints.txt", "--editable", f".[{extras}]")
 
 
 def make_environment() -> None:
@@ -256,6 +260,8 @@ def test(arguments: list[str]) -> int:
     passed_alone: list[str] = []
     mypy = begin(PYTHON, "-m", "mypy")  # while the tests wait for windows
     steps = {
+        # once, since the processes of the tests would each compile them
+        "kernels": lambda: call(PYTHON, "-c", COMPILE),
         "ruff check": lambda: call(PYTHON, "-m", "ruff", "check", "."),
         "ruff format": lambda: call(PYTHON, "-m", "ruff", "format", "--check", "--quiet", "."),
         f"pytest {' '.join(tests)}": lambda: (
@@ -357,6 +363,8 @@ def main(arguments: list[str]) -> int:
     if not arguments or arguments[0] in ("help", "-h", "--help"):
         print(__doc__)
         return 0
+    # Keep compiled modules, since some hundred processes import the package and its libraries.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if arguments[0] not in COMMANDS:
         print(__doc__, file=sys.stderr)
         return 2

@@ -69,7 +69,7 @@ def test_one_failed_step_fails_the_test_and_ends_no_other(
     printed = capfd.readouterr().out
     assert "FAILED  mypy" in printed
     assert "a fault" in printed
-    assert printed.count("passed") == 3
+    assert printed.count("passed") == 4
 
 
 ONCE = """
