@@ -213,14 +213,19 @@ class Document(OpenMesh):
         with self.history.paused():
             if self._computes_part:
                 self.selection.put(None)  # the selection would cover the field
-            self._take_part(replace(self._settled(), part=result.part), result.known)
+            ready = replace(self._settled(), part=result.part)
+            # a session is restored with its own parameters
+            self._take_part(ready, result.known, resets=self._records_part)
 
-    def _take_part(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
+    def _take_part(
+        self, ready: MeshReady, spectrum: Eigenpairs | None, *, resets: bool = True
+    ) -> None:
         self.take(ready, spectrum)
         self._preview = None
-        components = (ready.part or ready).health.n_components
-        families = self.display.fields.values()
-        self.display.put(*(each.for_repair(components) for each in families))
+        if resets:
+            components = (ready.part or ready).health.n_components
+            families = self.display.fields.values()
+            self.display.put(*(each.for_repair(components) for each in families))
         if self.spectrum is not None and self.spectrum.complete:
             self._go_within(self.spectrum)
         self._emit_all()

@@ -220,6 +220,9 @@ def test_a_session_has_the_part(
     click(solved, "compute_selection_button")
     qtbot.waitUntil(lambda: document.part_mesh is not None, timeout=PATIENCE)
     wait_for_pairs(qtbot, solved)
+    times = HeatKernelSignature(time=0.5), Distances(measure="diffusion", time=0.2)
+    chosen = Eigenfunctions(index=7), *times
+    document.display.put(*chosen)
     path = tmp_path / "ball.meshmash.json"
     write_session(path, session_of(document, solved.scene.camera()))
     other = open_window()
@@ -231,6 +234,7 @@ def test_a_session_has_the_part(
     same = other.document.spectrum.eigenvalues == document.spectrum.eigenvalues
     assert same.all()
     assert (other.document.part_mesh.referenced == document.part_mesh.referenced).all()
+    assert other.document.display.fields == document.display.fields
 
 
 @pytest.mark.slow
