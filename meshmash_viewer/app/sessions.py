@@ -35,12 +35,13 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     """
     mesh, ready, pins = document.mesh, document.ready, document.pins.placed
     assert mesh is not None and ready is not None  # noqa: PT018  both or neither
-    part = document.part_mesh
+    part, labels = document.part_mesh, document.labels.current
     second = None if pair is None or pair.second.path is None else pair.second
     return Session(
         mesh_path=str(document.path or ""),
         maps=_map_files(document),
         map_names=document.maps.names,
+        label_set="" if labels is None else labels.name,
         unit=document.unit_text,
         repairs=list(document.repairs),
         source=ready.source,
@@ -211,6 +212,7 @@ class Restoration:
         if part is not None:
             document.take_part(part)
         document.classes.restore(self._classes)
+        document.labels.restore(session.label_set)
         document.maps.open([Path(each) for each in session.maps], shown=False)
         document.maps.sort(session.map_names)
         document.points.restore(session.points)

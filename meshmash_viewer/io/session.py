@@ -129,6 +129,8 @@ class Session(Parameters):
     maps: list[str] = parameter(list, _FILES)
     #: Names of all maps of the mesh, in their order.
     map_names: list[str] = parameter(list, _NAMES)
+    #: Name of the label set that is edited; "" for none.
+    label_set: str = parameter("", Text())
     #: Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that is
     #: stated by the format.
     unit: str = parameter("", _UNIT)

@@ -241,6 +241,8 @@ class Classes:
     @live.setter
     def live(self, live: bool) -> None:
         self._live = live
+        if live:
+            self._awaiting = None  # the user asks for a prediction from the current labels
         self._follow()
         self.changed.emit()
 
@@ -346,7 +348,10 @@ class Classes:
         """Request a live prediction, once for each change of labels or options."""
         self._recall()
         known = self._labels.current
-        if not self._live or known is None or not (self._labels.predicted is None or self.outdated):
+        restoring = self._awaiting is not None
+        if not self._live or known is None or restoring:
+            return
+        if self._labels.predicted is not None and not self.outdated:
             return
         if self._requested != (known, self._options) and not self.missing:
             self._request(live=True)

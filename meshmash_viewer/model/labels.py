@@ -110,6 +110,11 @@ class Labels:
         self._maps.show(name)
         self.changed.emit()
 
+    def restore(self, name: str) -> None:
+        """Make a set of a session the current one; the set may be added to the mesh later."""
+        self._chosen = name
+        self.changed.emit()
+
     def _follow(self) -> None:
         """Make the displayed set the current set, unless it is a prediction."""
         name = self._maps.displayed

@@ -367,16 +367,19 @@ def test_label_sets_are_there_as_they_were_changed(
 
     made = sets(window)
     assert [len(labels) for labels, _ in made.values()] == [3, 3, 2]
+    document.maps.show("Mean curvature")
     session = folder / "saved.meshmash.json"
     window.opening.store_session(session)
     window.close()
     other = open_window()
     other.opening.restore_session(session)
     qtbot.waitUntil(lambda: sets(other) == made, timeout=PATIENCE)
+    assert other.document.labels.current.name == "labels"
     other.close()
     again = opened(open_window(), path, qtbot)
     qtbot.waitUntil(lambda: again.background_io.idle, timeout=PATIENCE)
     assert sets(again) == made
+    assert again.document.labels.current.name == "labels"
     assert not again.document.history.undo_label
     again.document.labels.choose("labels")
     again.document.labels.recolor(1, "#123456")  # changed names and colours alone are saved, too
