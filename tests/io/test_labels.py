@@ -210,6 +210,7 @@ def test_values_may_be_folded_in_any_shape(
     nibabel.save(nibabel.MGHImage(values.ravel().reshape(shape, order="F"), np.eye(4)), path)
     found = read_maps(path, MESH)
     np.testing.assert_array_equal([each.values for each in found], values)
+    assert {each.unit for each in found} == {"mm²"}
 
 
 @pytest.mark.parametrize("shape", [(4, 5, 6), (2, 321, 2), (642, 2, 1), (256, 1, 256)])

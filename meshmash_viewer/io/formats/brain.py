@@ -54,8 +54,13 @@ def freesurfer_values(path: Path) -> RawMesh:
     if freesurfer_kind(path) != "values":
         raise InputError("does not begin like a FreeSurfer file of one number per vertex")
     read: Any = read_morph_data
-    unit = _UNITS.get(path.suffix.lower(), "")
-    return maps_alone([RawMap("", np.asarray(read(str(path)), dtype=np.float32), unit=unit)])
+    values = np.asarray(read(str(path)), dtype=np.float32)
+    return maps_alone([RawMap("", values, unit=_unit_of_values(path))])
+
+
+def _unit_of_values(path: Path) -> str:
+    """Return the unit of ``lh.thickness``, ``lh.thickness.mgh`` etc.; "" if unknown."""
+    return next((_UNITS[end] for end in map(str.lower, path.suffixes) if end in _UNITS), "")
 
 
 def freesurfer_label(path: Path) -> RawMesh:
@@ -89,7 +94,7 @@ def mgh_maps(path: Path) -> RawMesh:
     volume = sides if sum(side > 1 for side in sides) > 1 else ()
     names = [f"frame {at}" for at in range(n_frames)] if n_frames > 1 else [""]
     return maps_alone(
-        RawMap(name, np.array(each, np.float64), volume=volume)
+        RawMap(name, np.array(each, np.float64), unit=_unit_of_values(path), volume=volume)
         for name, each in zip(names, frames, strict=True)
     )
 
@@ -162,7 +167,7 @@ def read_freesurfer_ascii(path: Path) -> RawMesh:
         if not len(numbers) or len(numbers) % 5:
             raise InputError("holds neither a FreeSurfer surface nor values as text")
         values = numbers.reshape(-1, 5)[:, 4]  # after index and coordinates
-        return maps_alone([RawMap("", values, unit=_UNITS.get(Path(path.stem).suffix, ""))])
+        return maps_alone([RawMap("", values, unit=_unit_of_values(path))])
     n_vertices, n_faces = numbers[:2].astype(np.int64).tolist() if len(numbers) > 1 else (0, 0)
     if len(numbers) != 2 + 4 * (n_vertices + n_faces):
         raise InputError(
