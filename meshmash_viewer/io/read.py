@@ -295,6 +295,8 @@ def _check_content(raw: RawMesh) -> None:
         raise InputError("has no faces, so it is a point cloud or a drawing")
     wrong = np.flatnonzero((raw.faces < 0) | (raw.faces >= n)) // 3
     if len(wrong):
+        if raw.faces.min() == 1 and raw.faces.max() == n:
+            raise InputError(f"has faces with the indices 1 to {n}, and indices begin at 0")
         face = int(wrong[0])
         index = next(int(i) for i in raw.faces[face] if not 0 <= i < n)
         raise InputError(
@@ -327,6 +329,7 @@ def _with_remedy(fault: str, ending: str) -> str:
 #: Remedies for faults, by a part of their clause.
 _REMEDIES = {
     "point cloud": "export it as a surface with triangles",
+    "indices begin at 0": "subtract 1 from the faces",
     "out of range": "repair or export the mesh again",
     "finite": "repair or export the mesh again",
     "three different corners": "repair or export the mesh again",

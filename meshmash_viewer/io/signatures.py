@@ -8,6 +8,7 @@ from pathlib import Path
 
 #: Number of bytes that are compared.
 _BEGINNING = 2_000
+_OF_ONE_SURFACE = "write the values of one surface as GIFTI, with wb_command -cifti-separate"
 #: Pattern of the first bytes, kind of file, and the endings of this kind or a remedy.
 _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
     (rb"ply\s", "a PLY file", (".ply",)),
@@ -24,6 +25,8 @@ _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
     (rb"PAR1", "a Parquet table", (".parquet",)),
     (rb"\x1f\x8b", "a gzip file", (".gz", ".mgz")),
     (rb"PK\x03\x04.{26}[^\0]*\.npy", "an NPZ archive", (".npz",)),
+    (rb".{344}(n\+1|ni1)\0|.{4}n[+i]2\0", "a CIFTI or NIfTI file", _OF_ONE_SURFACE),
+    (rb"MATLAB \d", "a MATLAB file", "write its vertices, and its faces minus 1, as NPZ or PLY"),
     (rb"PK\x03\x04", "a ZIP archive", "unpack it, or export the mesh in it as PLY"),
     (rb"version https://git-lfs", "a pointer of Git LFS", "fetch the file with git lfs pull"),
     (rb"(?i)\s*(<!doctype html|<html)", "a web page", "download the file that the page links to"),

@@ -116,6 +116,13 @@ PLY = b"ply\nformat ascii 1.0\nend_header\n"
         ("mesh.vtp", b"# vtk DataFile Version 3.0\n", "change its ending to .vtk"),
         ("mesh.vtp", b'<?xml version="1.0"?>\n<!DOCTYPE GIFTI>\n<GIFTI>', "ending to .gii"),
         ("mesh.ply", b"\x1f\x8b\x08", "is a gzip file by its content; add .gz to its name."),
+        ("mesh.mat", b"MATLAB 5.0 MAT-file, Platform", "is a MATLAB file; write its vertices, and"),
+        (
+            "a.dscalar.nii",
+            b"\x1c\2\0\0n+2\0\r\n\x1a\n",
+            "is a CIFTI or NIfTI file; write the values",
+        ),
+        ("brain.nii", bytes(344) + b"n+1\0", "is a CIFTI or NIfTI file; write the values of one"),
         ("mesh.ply", b"<!DOCTYPE html><html>", "is a web page; download the file"),
         ("mesh.ply", b"version https://git-lfs.github.com/spec/v1", "git lfs pull"),
         ("mesh.3mf", b"PK\3\4" + bytes(40), "is a ZIP archive; unpack it, or"),
