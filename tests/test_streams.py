@@ -86,6 +86,22 @@ def test_what_an_encoding_lacks_is_spelled(text: str, ascii_text: str) -> None:
     assert "?" not in ascii_text
 
 
+@pytest.mark.parametrize("other", ["t", "2", "é", "µ", "½", "∞", "×", "神"])
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp437"])
+def test_a_word_is_apart_from_letters_and_digits_on_both_sides(other: str, encoding: str) -> None:
+    near = spelled(other, encoding)
+    assert spelled(f"{other}λ", encoding) == f"{near} lambda"
+    assert spelled(f"λ{other}", encoding) == f"lambda {near}"
+    assert spelled(f"{other}√", "ascii") == f"{spelled(other)} sqrt"
+    assert spelled(f"√{other}", "ascii") == f"sqrt {spelled(other)}"
+
+
+@pytest.mark.parametrize("other", ["(", ")", "-", "−", "→", "≈", "_", " ", "\N{NO-BREAK SPACE}"])
+def test_a_word_is_next_to_signs_and_spaces(other: str) -> None:
+    assert spelled(f"{other}λ{other}") == f"{spelled(other)}lambda{spelled(other)}"
+    assert spelled("λ₁λ²λ") == "lambda_1 lambda^2 lambda"
+
+
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_what_an_encoding_has_is_left(encoding: str) -> None:
     for text in ("plain text: 1/2 * [3]", "λ", "µ", "²", "é", "神"):

@@ -2,7 +2,8 @@
 
 Windows redirects output in the code page of the country, a terminal over ssh may be ASCII, and a
 program without a console has no streams. An error handler of the streams replaces characters that
-the encoding lacks by ASCII: λ by "lambda", ≈ by "~".
+the encoding lacks by ASCII: λ by "lambda", ≈ by "~". A space separates a word such as "lambda" from
+a letter or digit on either side, but not from its exponent or index.
 """
 
 from __future__ import annotations
@@ -93,19 +94,19 @@ def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
     if "\udc80" <= text[start] <= "\udcff":
         # an undecodable byte of a file name is written unchanged
         return bytes([ord(text[start]) & 0xFF]), start + 1
-    before = _plain(text[start - 1]) if start else ""
     # the whole exponent, even if the encoding contains some digits: nm⁻² is nm^-2
     if group := _SCRIPTS.match(text, start):
         mark, marks = ("^", _RAISED) if group["raised"] else ("_", _LOWERED)
         mark = "" if start and text[start - 1] in marks else mark
         return mark + "".join(map(_plain, group[0])), group.end()
     if group := _GREEK.match(text, start, fault.end):
-        after = text[group.end() : group.end() + 1]
         if len(group[0]) >= _GREEK_WORD:
             return _escaped(group[0]), group.end()
-        left = " " if before[-1:].isalnum() else ""
-        right = " " if after.isalpha() and after not in _RAISED + _LOWERED else ""
-        return left + " ".join(map(_word, group[0])) + right, group.end()
+        before, after = text[:start][-1:], text[group.end() :][:1]
+        left = before.isalnum() or _plain(before)[-1:].isalnum()
+        right = after.isalnum() or _plain(after)[:1].isalnum()
+        right = right and after not in _RAISED + _LOWERED
+        return " " * left + " ".join(map(_word, group[0])) + " " * right, group.end()
     return _plain(text[start]), start + 1
 
 
