@@ -179,6 +179,19 @@ def format_range(
     return f"{first} {word} {format_quantity(high, unit, power, digits, like=like)}"
 
 
+def format_lengths(lengths: Iterable[float], unit: str, digits: int = 3) -> str:
+    """Write lengths in one unit: "15.9 × 15.8 × 6.04 µm", "(1.92 × 2.65 × 0.18)×10⁷"."""
+    lengths = tuple(lengths)
+    exponent, written = engineering(max(lengths), unit)
+    power = math.floor(math.log10(max(lengths))) + exponent if max(lengths) > 0.0 else 0
+    power = 0 if -4 < power < 6 else power
+    scale = 10.0 ** (exponent - power)
+    sides = " × ".join(format_number(length * scale, digits) for length in lengths)
+    if power:
+        sides = f"({sides})×10{superscript(power)}"
+    return f"{sides}{NO_BREAK}{written}" if written else sides
+
+
 def distinct_digits(low: float, high: float, least: int = 4) -> int:
     """Return the digits needed to write two numbers so that their difference has three digits."""
     size, gap = max(abs(low), abs(high)), abs(high - low)

@@ -12,6 +12,7 @@ from meshmash_viewer.units import (
     NO_VOXEL,
     Voxel,
     counted,
+    format_lengths,
     format_number,
     format_quantity,
     format_range,
@@ -190,3 +191,16 @@ def test_powers_of_ten_are_written_out_near_one() -> None:
     assert power_text(5, 2) == "2×10⁵"
     assert power_text(-1, 5) == "0.5"
     assert power_text(0) == "1"
+
+
+@pytest.mark.parametrize(
+    ("lengths", "unit", "text"),
+    [
+        ((150_000.0, 20_000.0, 900.0), "nm", "150 × 20 × 0.9\N{NO-BREAK SPACE}µm"),
+        ((150_000.0, 20_000.0, 900.0), "", "150000 × 20000 × 900"),
+        ((1.92e7, 2.65e7, 1.8e6), "", "(1.92 × 2.65 × 0.18)×10⁷"),
+        ((0.0, 0.0, 0.0), "mm", "0 × 0 × 0\N{NO-BREAK SPACE}mm"),
+    ],
+)
+def test_lengths_have_one_unit(lengths: tuple[float, ...], unit: str, text: str) -> None:
+    assert format_lengths(lengths, unit) == text

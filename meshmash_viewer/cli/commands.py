@@ -46,7 +46,15 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target, Translation
-from meshmash_viewer.units import NO_VOXEL, counted, format_quantity, format_share, written_unit
+from meshmash_viewer.units import (
+    NO_VOXEL,
+    counted,
+    format_lengths,
+    format_number,
+    format_quantity,
+    format_share,
+    written_unit,
+)
 
 # info -----------------------------------------------------------------------------------------
 
@@ -100,7 +108,6 @@ def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
 def _described_facts(about: dict[str, Any]) -> str:
     unit, weyl = about["unit"], about["weyl"]
     extent = [high - low for low, high in zip(*about["bounds"], strict=True)]
-    sizes = " × ".join(f"{side:.4g}" for side in extent)
     signs = {name: "" if name in weyl["exact"] else "≈ " for name in weyl}
     top = format_quantity(weyl["max_eigenvalue"], unit, -2)
     ambiguous, disagreeing = f"{about['ambiguous_edges']:,}", f"{about['disagreeing_edges']:,}"
@@ -116,7 +123,7 @@ def _described_facts(about: dict[str, Any]) -> str:
     rows = [
         ("vertices", f"{about['n_vertices']:,}"),
         ("triangles", f"{about['n_faces']:,}"),
-        ("extent", f"{sizes} {unit}".rstrip()),
+        ("extent", format_lengths(extent, unit, 4)),
         ("area", format_quantity(about["area"], unit, 2, 4)),
         *([("voxel", written_unit(unit, about["voxel"]))] if about["voxel"] != NO_VOXEL else []),
         *([("structure", about["structure"])] if about["structure"] else []),
@@ -205,7 +212,7 @@ def _described_comparison(report: dict[str, Any]) -> str:
     matched, compared = report["eigenfunctions"], report["compared"]
     flipped = sum(1 for each in matched if each["sign"] < 0)
     moved = sum(1 for each in matched if each["first"] != each["second"])
-    distance = f"{report['spectral_distance']:.4g}"
+    distance = format_number(report["spectral_distance"])
     share = f"{format_share(report['relative_distance'], 2)} of the spectrum"
     vertices = "by index: the faces are the same"
     if not report["same_vertices"]:

@@ -34,7 +34,7 @@ from meshmash_viewer.spectral.weyl import (
     weyl_count,
     weyl_eigenvalue,
 )
-from meshmash_viewer.units import format_quantity, format_share
+from meshmash_viewer.units import format_number, format_quantity, format_share
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filter_responses import TailedResponse
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 _COPIES = 1e-9
 #: Rounding error of ``m_v Σ φ_k(v)²``, which is at most 1, in units of the precision of φ.
 _ROUNDINGS = 64.0
+#: Number from which an estimated count is written with a power of ten.
+_LONG_COUNT = 1e12
 #: Vertices processed at a time: 32 columns take 4 MB.
 _VERTICES = 16384
 
@@ -295,6 +297,8 @@ def mesh_limit(
     of the last pair by Weyl's law.
     """
     eigenvalue, has = required_eigenvalue(time), f"this mesh has {n_vertices:,} in all"
+    count = weyl_count(area, eigenvalue)
+    pairs = f"{count:,.0f}" if count < _LONG_COUNT else format_number(count, 3)
     if median_edge is None:
         limit = weyl_eigenvalue(area, n_vertices)
     else:
@@ -302,8 +306,8 @@ def mesh_limit(
         has += f", and a median edge of {_length(median_edge, unit)}"
     return (
         f"The shortest time, {format_quantity(time, unit, 2, 3)}, needs waves down to "
-        f"{_length(wavelength(eigenvalue), unit)}, about "
-        f"{weyl_count(area, eigenvalue):,.0f} eigenpairs by Weyl's law; {has}, so below a time of "
+        f"{_length(wavelength(eigenvalue), unit)}, about {pairs} eigenpairs by Weyl's law; "
+        f"{has}, so below a time of "
         f"about {format_quantity(resolved_time(limit), unit, 2, 3)} features are those of its "
         "triangles rather than of the surface."
     )

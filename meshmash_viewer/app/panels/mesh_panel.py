@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import (
     QHBoxLayout,
@@ -31,14 +28,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import expected_bytes
 from meshmash_viewer.spectral import cost
-from meshmash_viewer.units import (
-    NO_BREAK,
-    counted,
-    engineering,
-    format_number,
-    format_quantity,
-    superscript,
-)
+from meshmash_viewer.units import counted, format_lengths, format_quantity
 
 #: Least width in pixels.
 _WIDTH = 280
@@ -162,7 +152,7 @@ class MeshPanel(QWidget):
         self._facts["Vertices"].setText(f"{health.n_vertices:,}{left}")
         self._facts["Faces"].setText(f"{health.n_faces:,}")
         self._facts["Area"].setText(format_quantity(health.area, mesh.unit, 2, 4))
-        self._facts["Extent"].setText(_size(extent, mesh.unit))
+        self._facts["Extent"].setText(format_lengths(extent, mesh.unit))
         for label in self._facts.values():
             label.setToolTip(label.text())
 
@@ -352,16 +342,3 @@ class MeshPanel(QWidget):
             text = "Nothing computed yet."
         self.proof_label.setText(text)
         theme.change_role(self.proof_label, role)
-
-
-def _size(extent: np.ndarray, unit: str) -> str:
-    """Format three lengths in one unit: "15.9 × 15.8 × 6.04 µm", "(1.92 × 2.65 × 0.18)×10⁷"."""
-    largest = float(extent.max())
-    exponent, written = engineering(largest, unit)
-    power = math.floor(math.log10(largest)) + exponent if largest > 0.0 else 0
-    power = 0 if -4 < power < 6 else power
-    scale = 10.0 ** (exponent - power)
-    sides = " × ".join(format_number(length * scale, 3) for length in extent)
-    if power:
-        sides = f"({sides})×10{superscript(power)}"
-    return f"{sides}{NO_BREAK}{written}" if written else sides
