@@ -22,6 +22,8 @@ from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.vertex_map import Label, VertexMap
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 MESH = shapes.icosphere(1)
 N = MESH.n_vertices
 #: Values that are exact in float32 and in text; vertex 5 has none.
@@ -123,7 +125,6 @@ MESH_FILES = {
 }
 
 
-@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("name", FILES)
 def test_values_come_back_as_they_were_written(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
@@ -202,7 +203,6 @@ def test_a_label_is_the_vertices_that_it_names(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.flatnonzero(np.isfinite(found.shown)), [3, 8, N - 1])
 
 
-@pytest.mark.usefixtures("read_here")
 def test_our_own_features_come_back_as_maps(tmp_path: Path) -> None:
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.io.write import write_features
@@ -266,12 +266,15 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
-#: One case of each kind of fault, except files read in a child process (0.5 s each).
+#: One case of each kind of fault. Other files are read in a child process under limits (0.5 s).
 QUICK = ["short.npy", "text.npy", "infinite.npy", "words.csv", "lh.other.label", "notes.txt"]
 
 
 @pytest.mark.parametrize("name", slow_but(QUICK, BROKEN))
-def test_what_is_no_map_is_one_sentence(name: str, tmp_path: Path) -> None:
+def test_what_is_no_map_is_one_sentence(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("meshmash_viewer.io.raw._watched", name in QUICK)
     path = tmp_path / name
     write, pattern = BROKEN[name]
     write(path)
