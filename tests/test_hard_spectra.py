@@ -26,7 +26,7 @@ from shapes import icosphere
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
 #: Problems solved at every change, problems solved in a full run, and problems per test.
-_QUICK, _PROBLEMS, _CHUNK = 50, 300, 10
+_QUICK, _PROBLEMS, _CHUNK = 10, 300, 10
 #: Number of examples in a series above which only every third is solved.
 _MANY = 20
 

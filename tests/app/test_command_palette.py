@@ -69,6 +69,7 @@ def test_every_command_and_family_is_found_by_its_name(window: MainWindow) -> No
     close(dialog)
 
 
+@pytest.mark.slow
 def test_the_rows_fill_the_list(window: MainWindow) -> None:
     dialog = palette(window)
     listed = dialog.findChild(QTreeWidget, "palette_list")
@@ -77,6 +78,7 @@ def test_the_rows_fill_the_list(window: MainWindow) -> None:
     close(dialog)
 
 
+@pytest.mark.slow
 def test_the_text_stays_in_its_place_while_it_is_typed(window: MainWindow) -> None:
     dialog, places = palette(window), set()
     for typed in ("e", "similar", "export pins", "no such thing"):

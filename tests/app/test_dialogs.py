@@ -26,6 +26,7 @@ from PySide6.QtWidgets import (
     QSpinBox,
 )
 from pytestqt.qtbot import QtBot
+from tiers import slow
 
 import meshmash_viewer as mv
 import meshmash_viewer.app.view.picture as picture_module
@@ -157,9 +158,9 @@ def test_a_picture_has_the_width_of_a_journal_and_is_previewed(
             ".svg",
             (174.0, 600, "window", False, ".svg"),
         ),
-        ('{"dpi": 77, "background": "tartan"}', ".doc", (85.0, 150, "white", True, ".png")),
-        ('{"width_mm": "wide"}', "", (85.0, 300, "white", True, ".png")),
-        ("{", "", (85.0, 300, "white", True, ".png")),
+        slow('{"dpi": 77, "background": "tartan"}', ".doc", (85.0, 150, "white", True, ".png")),
+        slow('{"width_mm": "wide"}', "", (85.0, 300, "white", True, ".png")),
+        slow("{", "", (85.0, 300, "white", True, ".png")),
     ],
 )
 def test_stored_options_of_a_picture_are_offered_where_they_are_valid(
@@ -245,6 +246,7 @@ def test_what_one_looks_at_is_offered_and_the_format_remembered(
     again.reject()
 
 
+@pytest.mark.slow
 def test_maps_are_exported_without_eigenpairs(
     qtbot: QtBot, open_window: Callable[..., MainWindow], tmp_path: Path
 ) -> None:
@@ -332,6 +334,7 @@ def test_arrows_of_a_number_stay_at_its_limits(qtbot: QtBot, window: MainWindow)
             assert len(seen) > 3, (value, top)
 
 
+@pytest.mark.slow
 def test_fields_of_a_range_end_where_the_others_do(qtbot: QtBot, window: MainWindow) -> None:
     window.document.set_unit("none")
     window.document.display.kind = "band"

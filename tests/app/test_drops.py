@@ -13,7 +13,6 @@ from PySide6.QtGui import QDragEnterEvent, QDragLeaveEvent, QDragMoveEvent, QDro
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QPushButton, QWidget
 from pytestqt.qtbot import QtBot
-from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.main_window import MainWindow
@@ -183,6 +182,7 @@ def test_two_renders_have_one_height_and_are_no_smaller_than_compare(
     )
 
 
+@pytest.mark.slow
 def test_the_colours_leave_no_empty_room_where_the_rest_scrolls(
     qtbot: QtBot, window: MainWindow
 ) -> None:
@@ -194,6 +194,7 @@ def test_the_colours_leave_no_empty_room_where_the_rest_scrolls(
     assert window.menus["Field"].menuAction().text() == "Fiel&d"
 
 
+@pytest.mark.slow
 def test_opening_brings_the_mesh_panel_to_the_front(
     qtbot: QtBot, window: MainWindow, files: dict
 ) -> None:
@@ -210,7 +211,8 @@ def test_opening_brings_the_mesh_panel_to_the_front(
     assert docks["mesh"].visibleRegion().isEmpty()
 
 
-@pytest.mark.parametrize("how", ["behind", slow("closed")])
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["behind", "closed"])
 def test_progress_and_cancel_are_in_the_status_bar_where_the_panel_is_hidden(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, how: str
 ) -> None:

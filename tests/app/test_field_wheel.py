@@ -132,6 +132,7 @@ def test_no_field_of_the_window_changes_without_the_focus(window: MainWindow, qt
     assert len(seen) > 50
 
 
+@pytest.mark.slow
 def test_nor_does_one_of_a_dialog(window: MainWindow, qtbot: QtBot, tmp_path) -> None:
     document, scene = window.document, window.scene
     dialogs: list[QDialog] = [

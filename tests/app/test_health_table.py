@@ -68,6 +68,7 @@ def pink_pixels(window: MainWindow) -> int:
     return int(((red - green > 40) & (blue - green > 20)).sum())
 
 
+@pytest.mark.slow
 def test_debris_within_the_mesh_is_marked_through_it(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:

@@ -15,7 +15,7 @@ from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QColorDialog, QFileDialog, QLineEdit, QMenu, QTableView
 from pytestqt.qtbot import QtBot
-from tiers import slow_but
+from tiers import slow, slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.listening import catch_up
@@ -140,6 +140,7 @@ def test_digits_are_of_labels_while_the_select_tool_is_on(labelled: MainWindow) 
     assert document.display.kind == "eigenfunction"
 
 
+@pytest.mark.slow
 def test_a_digit_says_what_it_gives_to_a_set_that_is_not_displayed(
     labelled: MainWindow, qtbot: QtBot
 ) -> None:
@@ -160,6 +161,7 @@ def test_a_digit_says_what_it_gives_to_a_set_that_is_not_displayed(
     assert other not in hint.text()
 
 
+@pytest.mark.slow
 def test_sizes_follow_the_labels(labelled: MainWindow, qtbot: QtBot) -> None:
     document = labelled.document
     assert texts(labelled)[0][2] == f"{UP.sum():,}"
@@ -172,6 +174,7 @@ def test_sizes_follow_the_labels(labelled: MainWindow, qtbot: QtBot) -> None:
     assert texts(labelled)[0][2:] == ["0", "–"]
 
 
+@pytest.mark.slow
 def test_names_have_the_room_in_a_narrow_panel(labelled: MainWindow, qtbot: QtBot) -> None:
     (table,) = labelled.findChildren(QTableView, "label_table")
     dock = labelled.arrangement.docks["label"]
@@ -183,6 +186,7 @@ def test_names_have_the_room_in_a_narrow_panel(labelled: MainWindow, qtbot: QtBo
     assert tip.endswith(f": {UP.sum()} vertices")
 
 
+@pytest.mark.slow
 def test_a_name_is_edited_in_its_place(labelled: MainWindow) -> None:
     shown = table(labelled)
     click(labelled, 1, NAME)
@@ -202,6 +206,7 @@ def test_a_name_is_edited_in_its_place(labelled: MainWindow) -> None:
     assert texts(labelled)[1][1] == "spine 3"
 
 
+@pytest.mark.slow
 def test_a_colour_is_chosen_at_its_square(labelled: MainWindow, qtbot: QtBot) -> None:
     click(labelled, 0, COLOR)
     dialog = labelled.findChild(QColorDialog, "label_color_dialog")
@@ -217,6 +222,7 @@ def test_a_colour_is_chosen_at_its_square(labelled: MainWindow, qtbot: QtBot) ->
     assert labelled.document.labels.current.labels[0].color != "#123456"
 
 
+@pytest.mark.slow
 def test_a_locked_label_keeps_its_vertices(labelled: MainWindow) -> None:
     click(labelled, 0, LOCK)
     assert labelled.document.labels.current.labels[0].locked
@@ -228,6 +234,7 @@ def test_a_locked_label_keeps_its_vertices(labelled: MainWindow) -> None:
     assert set(values(labelled).tolist()) == {2}
 
 
+@pytest.mark.slow
 def test_a_label_is_hidden_and_shown(labelled: MainWindow, qtbot: QtBot) -> None:
     document = labelled.document
     document.selection.set(~UP)
@@ -253,6 +260,7 @@ def test_a_label_is_hidden_and_shown(labelled: MainWindow, qtbot: QtBot) -> None
     np.testing.assert_array_equal(document.hiding.mask, UP)
 
 
+@pytest.mark.slow
 def test_labels_are_joined_deleted_and_selected(labelled: MainWindow) -> None:
     document = labelled.document
     click(labelled, 0, NAME)
@@ -309,6 +317,7 @@ def test_the_menu_of_the_chosen_labels(labelled: MainWindow) -> None:
     assert all(each.locked for each in labelled.document.labels.current.labels)
 
 
+@pytest.mark.slow
 def test_another_set_is_chosen_and_displayed(labelled: MainWindow, qtbot: QtBot) -> None:
     press(labelled, "label_new_set_button")
     combo = part(labelled, "label_set_combo")
@@ -325,6 +334,7 @@ def test_another_set_is_chosen_and_displayed(labelled: MainWindow, qtbot: QtBot)
     assert texts(labelled)[0][2] == f"{UP.sum():,}"
 
 
+@pytest.mark.slow
 def test_borders_are_drawn_over_another_field(labelled: MainWindow, qtbot: QtBot) -> None:
     document, scene = labelled.document, labelled.scene
     document.selection.clear()
@@ -552,6 +562,7 @@ def test_numbers_without_names_are_opened_as_a_label_set(
     assert bool(document.mesh.maps[1].labels) == (name == "a.label.gii")
 
 
+@pytest.mark.slow
 def test_the_set_opened_last_is_the_chosen_one(
     labelled: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -568,8 +579,8 @@ def test_the_set_opened_last_is_the_chosen_one(
 @pytest.mark.parametrize(
     ("numbers", "why"),
     [
-        (MESH.vertices[:, 2], "has values that are no whole numbers"),
-        (np.arange(MESH.n_vertices), "641 labels, and 512 can be distinguished"),
+        slow(MESH.vertices[:, 2], "has values that are no whole numbers"),
+        slow(np.arange(MESH.n_vertices), "641 labels, and 512 can be distinguished"),
         (np.zeros(MESH.n_vertices), "has no vertex with a label"),
     ],
     ids=["shares", "many", "none"],

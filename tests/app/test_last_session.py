@@ -227,6 +227,7 @@ def test_what_is_damaged_is_said_and_kept(
     assert kept.read_bytes() == half
 
 
+@pytest.mark.slow
 def test_a_kept_map_is_written_once(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:
@@ -269,6 +270,7 @@ def test_a_change_is_saved_before_the_next_frame(
     assert pins[0] == [5]
 
 
+@pytest.mark.slow
 def test_a_camera_at_rest_is_saved(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:

@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from pytestqt.qtbot import QtBot
+from tiers import slow
 from written_annotations import Written
 
 from meshmash_viewer.app.listening import catch_up
@@ -56,7 +57,7 @@ def places(window: MainWindow) -> dict[str, tuple[int, int]]:
     return found
 
 
-@pytest.mark.parametrize("size", [(900, 600), (1000, 650)])
+@pytest.mark.parametrize("size", [(900, 600), slow((1000, 650))])
 def test_a_small_window_has_room_for_what_matters(
     qtbot: QtBot, window: MainWindow, size: tuple[int, int]
 ) -> None:
@@ -147,7 +148,7 @@ def test_all_buttons_of_the_toolbar_are_in_sight_at_any_width(
     assert len(shown) == 9
 
 
-@pytest.mark.parametrize("size", [(900, 600), (1000, 700), (1440, 900)])
+@pytest.mark.parametrize("size", [(900, 600), slow((1000, 700)), slow((1440, 900))])
 def test_the_first_thing_one_sees_is_not_cut_off(
     qtbot: QtBot, open_window: Callable[..., MainWindow], size: tuple[int, int]
 ) -> None:

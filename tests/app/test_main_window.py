@@ -30,6 +30,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from pytestqt.qtbot import QtBot
+from tiers import slow
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, MENUS
@@ -194,6 +195,7 @@ def test_the_empty_window_says_what_to_do(empty: MainWindow) -> None:
     assert not empty.mesh_panel.compute_button.isEnabled()
 
 
+@pytest.mark.slow
 def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot, tmp_path: Path) -> None:
     window = MainWindow(fresh=True, deferred=True)
     with qtbot.waitExposed(window):
@@ -566,7 +568,7 @@ def test_a_message_goes_with_its_cause(used: MainWindow, ball_file: Path) -> Non
     assert bar.notice is None
 
 
-@pytest.mark.parametrize("width", [1440, 1000, 700])
+@pytest.mark.parametrize("width", [slow(1440), slow(1000), 700])
 def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: int) -> None:
     ball.resize(width, 800)
     document, bar = ball.document, ball.stage.message_bar
@@ -642,6 +644,7 @@ def test_a_mesh_in_memory_is_shown(qtbot: QtBot, used: MainWindow, neuron: Mesh)
 # -- keys --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_keys_go_through_the_eigenfunctions(qtbot: QtBot, ball: MainWindow) -> None:
     display = ball.document.display
     ball.setFocus()
@@ -741,7 +744,7 @@ def test_what_is_on_is_ticked_and_called_the_same_everywhere(ball: MainWindow) -
     assert button.text() == ball.actions_["reset_camera"].text() == "Reset camera"
 
 
-@pytest.mark.parametrize("size", [(1100, 700), (1500, 950)])
+@pytest.mark.parametrize("size", [(1100, 700), slow((1500, 950))])
 def test_nothing_is_cut_off_at_either_size(
     qtbot: QtBot, ball: MainWindow, size: tuple[int, int]
 ) -> None:
@@ -843,6 +846,7 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     dialog.deleteLater()
 
 
+@pytest.mark.slow
 def test_a_session_comes_back(
     qtbot: QtBot,
     ball: MainWindow,

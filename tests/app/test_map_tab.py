@@ -236,6 +236,7 @@ def test_the_slider_rebuilds_the_map(window: MainWindow) -> None:
     assert (spin.value(), spin.minimum(), spin.maximum()) == (40, 1, 40)
 
 
+@pytest.mark.slow
 def test_the_views_of_a_map_share_limits_unless_others_are_asked_for(window: MainWindow) -> None:
     combo = part(window, QComboBox, "limits_combo")
     found = {}
@@ -260,6 +261,7 @@ def test_the_views_of_a_map_share_limits_unless_others_are_asked_for(window: Mai
     rest(window)
 
 
+@pytest.mark.slow
 def test_limits_that_are_locked_for_a_map_are_not_those_of_another(window: MainWindow) -> None:
     listed, combo = part(window, QListWidget, "map_list"), part(window, QComboBox, "limits_combo")
     high = part(window, NumberField, "limit_high_field")
@@ -322,6 +324,7 @@ def test_coefficients_are_saved_from_the_tab(
     assert "were not saved" in window.stage.message_bar.notice.text
 
 
+@pytest.mark.slow
 def test_columns_that_are_no_map_are_named(window: MainWindow, tmp_path: Path) -> None:
     rows = [f"{at},{at * 2},part {at % 3}," for at in range(MESH.n_vertices)]
     (tmp_path / "table.csv").write_text("\n".join(["a,a,region,empty", *rows]) + "\n")
@@ -467,6 +470,7 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     assert window.controller.field.colors(document.display) == field.colors(document.display)
 
 
+@pytest.mark.slow
 def test_what_a_filter_misses_beyond_the_last_pair_is_bounded(window: MainWindow) -> None:
     document, mesh = window.document, window.document.mesh
     chosen, rough = document.display[Filters], np.cos(0.3 * mesh.vertices[:, 0])
@@ -515,6 +519,7 @@ def test_what_a_filter_misses_beyond_the_last_pair_is_bounded(window: MainWindow
     document.display.put(chosen)
 
 
+@pytest.mark.slow
 def test_a_gaussian_is_given_by_its_width(window: MainWindow) -> None:
     document = window.document
     chosen = document.display[Filters]

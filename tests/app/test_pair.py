@@ -300,6 +300,7 @@ def test_both_colour_bars_say_the_same_numbers(
     display.set_limits(None)
 
 
+@pytest.mark.slow
 def test_both_are_drawn_once_a_step(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -358,6 +359,7 @@ def test_a_field_does_not_wait_for_one_that_takes_long_or_fails(
     assert not source.comes
 
 
+@pytest.mark.slow
 def test_a_copy_shows_the_same_and_is_looked_at_alike(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -475,6 +477,7 @@ def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
     window.deleteLater()
 
 
+@pytest.mark.slow
 def test_a_right_click_on_the_second_pins_and_names_both(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -553,6 +556,7 @@ def test_both_are_cut_and_the_handle_of_either_is_dragged(
     assert planes() == []
 
 
+@pytest.mark.slow
 def test_a_stroke_on_the_second_says_that_the_first_is_selected_on(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -808,6 +812,7 @@ def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, fold
     assert window.document.mesh is not None
 
 
+@pytest.mark.slow
 def test_the_unit_of_the_second_is_given_where_it_is_said_that_it_has_none(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -980,10 +985,11 @@ def test_a_closed_second_mesh_is_let_go(
     wait_for(let_go)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        pytest.param("broken.ply", "broken.ply", marks=pytest.mark.slow),
+        ("broken.ply", "broken.ply"),
         ("small.npz", "too few for a comparison"),
     ],
 )

@@ -75,6 +75,7 @@ def texts(widget: QWidget) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_nothing_in_the_window_names_keys_of_another_system(
     macos: None, open_window: Callable[..., MainWindow]
 ) -> None:

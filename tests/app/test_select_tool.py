@@ -111,6 +111,7 @@ def angles(hand: Hand) -> np.ndarray:
     return np.arccos(np.clip(hand.mesh.vertices[:2562, 2], -1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_the_circle_of_the_brush_is_the_only_one(hand: Hand) -> None:
     ring, place = part(hand.window, "hover_ring"), hand.at(0.0, 0.0, 1.0)
     assert hand.canvas.cursor().shape() == Qt.CursorShape.CrossCursor, "it is prepared"
@@ -152,6 +153,7 @@ def test_a_brush_paints_what_is_visible_and_is_one_change(hand: Hand) -> None:
     assert "nm²" in count.text()
 
 
+@pytest.mark.slow
 def test_a_small_window_has_all_commands_in_the_bar(hand: Hand) -> None:
     hand.window.resize(900, 600)
     bar, commands = part(hand.window, "select_bar"), hand.window.actions_
@@ -162,6 +164,7 @@ def test_a_small_window_has_all_commands_in_the_bar(hand: Hand) -> None:
             assert bar.widgetForAction(commands[name]).isVisible(), mode
 
 
+@pytest.mark.slow
 def test_the_default_layout_has_the_bar_on_its_own_line(hand: Hand) -> None:
     hand.window.actions_["reset_layout"].trigger()
     catch_up()

@@ -166,6 +166,7 @@ def test_the_mesh_is_drawn_from_its_lowest_eigenfunctions_and_back(window: MainW
     assert part(window, QLabel, "shape_distance_label").text() == "–"
 
 
+@pytest.mark.slow
 def test_keys_on_the_sliders_lengthen_the_sum_and_morph(window: MainWindow) -> None:
     type_number(window, "shape_pairs_spin", 4)
     np.testing.assert_allclose(drawn(window), rebuilt(window, 4), atol=1e-3)
@@ -218,6 +219,7 @@ def test_what_is_on_the_mesh_goes_with_it(window: MainWindow) -> None:
     np.testing.assert_allclose(window.to_pyvista().points, drawn(window), atol=1e-2)
 
 
+@pytest.mark.slow
 def test_the_field_swings_along_the_normals(window: MainWindow) -> None:
     button = part(window, QPushButton, "shape_vibrate_button")
     QTest.keyClick(window, Qt.Key.Key_3, Qt.KeyboardModifier.NoModifier)
@@ -243,6 +245,7 @@ def test_the_field_swings_along_the_normals(window: MainWindow) -> None:
     assert not button.isEnabled()
 
 
+@pytest.mark.slow
 def test_the_shape_is_saved(
     window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -217,6 +217,7 @@ def test_a_gaussian_pyramid(window: MainWindow, pairs: Decomposition, tmp_path: 
     write(window, "filter_count_spin", 1)
 
 
+@pytest.mark.slow
 def test_heat_kernel_signatures_and_what_is_like_a_vertex(
     window: MainWindow, pairs: Decomposition, tmp_path: Path
 ) -> None:
@@ -252,6 +253,7 @@ def test_heat_kernel_signatures_and_what_is_like_a_vertex(
     assert others[found[others].argmin()] == others[distances[others].argmin()]
 
 
+@pytest.mark.slow
 def test_geometry_vectors(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
     top = 0.9 * float(pairs.eigenvalues[-1])
     choose(part(window, "field_list"), "Geometry vectors")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapes
-from tiers import slow_but
+from tiers import slow, slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
@@ -543,8 +543,11 @@ def test_the_first_click_of_two_on_the_second_is_taken_back(
     assert [pin.vertex for pin in pair.first.pins.placed] == [7, 50, 30], "only the last"
 
 
-@pytest.mark.parametrize("masked", [True, False], ids=["part", "whole"])
-@pytest.mark.parametrize("known", [COUNT + 5, 10], ids=["more", "fewer"])
+@pytest.mark.parametrize(
+    ("known", "masked"),
+    [slow(COUNT + 5, True), slow(COUNT + 5, False), slow(10, True), (10, False)],
+    ids=["more-part", "more-whole", "fewer-part", "fewer-whole"],
+)
 def test_a_script_solves_and_compares_the_pairs_that_were_compared(
     masked: bool, known: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -61,7 +61,7 @@ def test_a_png_has_its_width_on_paper(qapp, tmp_path: Path, width: float, dpi: i
 
 
 @pytest.mark.parametrize("turned", [(1, 0, 2), slow((0, 2, 1)), slow((2, 1, 0))])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("sign", [1.0, slow(-1.0)])
 def test_axes_that_point_left_or_down_are_on_the_page(
     qapp, turned: tuple[int, ...], sign: float
 ) -> None:
@@ -76,7 +76,7 @@ def test_axes_that_point_left_or_down_are_on_the_page(
     assert all((edge == 255).all() for edge in edges), "nothing is cut off"
 
 
-@pytest.mark.parametrize("width", [640, 937])
+@pytest.mark.parametrize("width", [slow(640), 937])
 def test_nothing_is_seen_through_the_bar_of_an_svg(qapp, tmp_path: Path, width: int) -> None:
     made = drawing()
     figure = compose_figure([made], FigureOptions(background="transparent"))
