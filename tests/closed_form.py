@@ -85,6 +85,7 @@ def turn_wheel(
             Qt.MouseButton.NoButton, modifiers, Qt.ScrollPhase.NoScrollPhase, False,
         )  # fmt: skip
         QApplication.sendEvent(widget, event)
+    QApplication.sendPostedEvents(widget)  # the render adds notches up
 
 
 def drag(widget: QWidget, start: QPoint, *way: QPoint) -> None:

@@ -97,7 +97,7 @@ class MeshView(PickableRender):
         self.frames = Frames(self.renderer, self.plotter, self)
         self.frames.camera_moved.connect(self._note_camera)
         canvas = self.plotter
-        canvas.resized.connect(self._resized)
+        canvas.size_changed.connect(self._resized)
         canvas.dragged.connect(self._dragged)
         canvas.drag_ended.connect(self._end_drag)
         canvas.right_clicked.connect(self._request_menu)

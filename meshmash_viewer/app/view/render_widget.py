@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal, Slot
 from PySide6.QtGui import (
     QColor,
     QEnterEvent,
@@ -48,14 +48,16 @@ class RenderWidget(QtInteractor):
     """
 
     frame_due = Signal()
-    resized = Signal()
+    #: The widget has another size or pixel ratio. (Qt's own signal `resized` would double it.)
+    size_changed = Signal()
     #: Gesture ("turn", "shift" or "roll"), and movement to the right and up in logical pixels.
     dragged = Signal(str, float, float)
     drag_ended = Signal()
     #: Magnification and position of a turn of the wheel or a pinch.
     zoomed = Signal(float, QPointF)
-    #: Notches of the wheel with Ctrl, positive towards the user.
+    #: Notches of the wheel with Ctrl since the last signal, positive towards the user.
     stepped = Signal(int)
+    _notch_turned = Signal()
     #: A button was pressed and released at the same position.
     clicked = Signal(QPointF)
     double_clicked = Signal(QPointF)
@@ -93,7 +95,10 @@ class RenderWidget(QtInteractor):
         #: Handles, which have priority over strokes, rotation and clicks of the left button.
         self.grips: list[Grip] = []
         self._grip: Grip | None = None
+        #: Turns of the wheel with Ctrl, in eighths of a degree, that are not in `stepped` yet.
         self._step_rest = 0
+        # queued, so that notches in quick succession make a single step
+        self._notch_turned.connect(self._step, Qt.ConnectionType.QueuedConnection)
 
     @property
     def window_of_vtk(self) -> vtkRenderWindow:
@@ -186,13 +191,13 @@ class RenderWidget(QtInteractor):
             return True
         done = super().event(event)
         if event.type() == QEvent.Type.DevicePixelRatioChange:
-            self.resized.emit()
+            self.size_changed.emit()
             self.render()
         return done
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.resized.emit()
+        self.size_changed.emit()
         self.render()
 
     def enterEvent(self, event: QEnterEvent) -> None:
@@ -290,14 +295,20 @@ class RenderWidget(QtInteractor):
         # with Shift, and on some systems with Alt, the wheel reports the x axis
         angle = event.angleDelta().y() or event.angleDelta().x()
         if event.modifiers() & Qt.KeyboardModifier.ControlModifier:
+            before = abs(self._step_rest)
             self._step_rest -= angle
-            steps = int(self._step_rest / 120)
-            self._step_rest -= 120 * steps
-            if steps:
-                self.stepped.emit(steps)
+            if before < 120 <= abs(self._step_rest):
+                self._notch_turned.emit()
         else:
             self.zoomed.emit(1.15 ** (angle / 120), event.position())
         event.accept()
+
+    @Slot()
+    def _step(self) -> None:
+        steps = int(self._step_rest / 120)
+        self._step_rest -= 120 * steps
+        if steps:
+            self.stepped.emit(steps)
 
     def _pinch(self, event: QNativeGestureEvent) -> bool:
         # a pinch consists of many events; the value of each is its magnification minus 1
