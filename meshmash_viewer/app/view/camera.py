@@ -12,6 +12,8 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.structures import brain_side
 
+#: Approximate number of vertices to which a view is fitted; 100,000 would take 7 ms.
+SAMPLED = 20_000
 #: Upward direction in brain coordinates.
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -153,9 +155,9 @@ def _stands_on(mesh: Mesh, axis: int) -> bool:
 
 
 def sampled_points(mesh: Mesh) -> FloatArray:
-    """Return a sample of at most about 100,000 vertices used by faces, shape (m, 3)."""
+    """Return a sample of at most 2 `SAMPLED` vertices used by faces, shape (m, 3)."""
     points = mesh.vertices[mesh.referenced]
-    return np.asarray(points[:: max(1, len(points) // 100_000)])
+    return np.asarray(points[:: max(1, len(points) // SAMPLED)])
 
 
 def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
