@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import MeshLike
 
 #: Modules of large libraries, imported in a thread: they define no subclasses of Qt classes.
-_LIBRARIES = ("pyvista.plotting", "meshmash_viewer.app.view.mesh_renderer")
+_LIBRARIES = ("pyvista.plotting", "meshmash_viewer.app.view.figure")
 #: Modules that define subclasses of Qt classes, imported in the interface thread. PySide reads its
 #: table of classes without the interpreter lock, so that a class defined in another thread
 #: sometimes crashed the process.

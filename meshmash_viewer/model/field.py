@@ -249,9 +249,10 @@ class Field:
     @cached_property
     def spacing(self) -> float:
         """Rounded spacing of contour lines in `unit`; 0 if the field has none."""
+        if not self.family.contoured:
+            return 0.0
         largest = float(np.max(self.values, initial=0.0, where=np.isfinite(self.values)))
-        contoured = self.family.contoured and largest > 0.0
-        return round_length(largest / _LINES) if contoured else 0.0
+        return round_length(largest / _LINES) if largest > 0.0 else 0.0
 
     @property
     def line_spacing(self) -> float | None:

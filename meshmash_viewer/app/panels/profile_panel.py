@@ -241,6 +241,8 @@ class ProfilePanel(PlotPanel):
         if request != self._requested:
             self._requested = request
             self._reader.ask(request)
+            if any(pin.vertex not in self._values for pin in pins):
+                return  # all curves are drawn when these values have been read
         bottom, left, _ = self._family.logarithmic
         self.plot.set_log(bottom, left)
         self._profile = self._family.profile(spectrum, self._document.unit)
