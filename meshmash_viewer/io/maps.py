@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.condensed import holds, labelled_domains
+from meshmash_viewer.io.formats.afni import afni_maps
 from meshmash_viewer.io.formats.brain import (
     freesurfer_annotation,
     freesurfer_kind,
@@ -36,6 +37,7 @@ _READERS: dict[str, Reader] = {
     ".tsv": csv_maps,
     ".parquet": parquet_maps,
     ".1d": csv_maps,
+    ".dset": afni_maps,
     ".annot": freesurfer_annotation,
     ".label": freesurfer_label,
     ".mgh": mgh_maps,
@@ -82,8 +84,9 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     """Read values per vertex from a file; the format is given by the file's ending.
 
     Formats of maps are NPZ, NPY, CSV, Parquet, GIFTI (functional, shape and label files), and those
-    of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``). From a mesh file, all
-    values at its vertices are read except coordinates. Condensed features, see
+    of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``) and AFNI (``.1D``,
+    ``.1D.dset``, ``.niml.dset``). From a mesh file, all values at its vertices are read except
+    coordinates. Condensed features, see
     `read_condensed_features`, become one map per column, with the value of a domain at each of its
     vertices, and a label set of the domains.
 
