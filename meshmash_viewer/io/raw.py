@@ -16,7 +16,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -207,8 +206,8 @@ _HARMLESS_BYTES, _HARMLESS_RATIO = 12e6, 8.0
 
 #: Whether this process is the child process, which already runs under limits.
 _watched = False
-#: Seconds without processor use after which the child is considered blocked.
-_IDLE_SECONDS = 60.0
+#: The child is considered blocked if it computes for less than `_PROGRESS` seconds in this time.
+_IDLE_SECONDS, _PROGRESS = 60.0, 0.1
 
 
 def is_child() -> bool:
@@ -287,7 +286,7 @@ def read_guarded(
     try:
         # a single OpenBLAS thread, as each thread reserves memory
         environment = {"OPENBLAS_NUM_THREADS": "1"}
-        look = partial(_check_limits, limits, time.monotonic())
+        look = ReadWatch(limits)
         return call_in_child(convert, name, path, limits.memory, look=look, env=environment)
     except MemoryError:
         raise _too_large(limits) from None
@@ -295,15 +294,29 @@ def read_guarded(
         raise InputError("is so damaged that the library that reads it crashes") from None
 
 
-def _check_limits(limits: ReadLimits, began: float, tree: ProcessTree) -> None:
-    """Raise `LimitExceeded` if processes exceed the limits; `began` is the time of their start."""
-    computed, memory = tree.measured()
-    if memory > limits.memory:
-        raise _too_large(limits)
-    if computed > limits.seconds:
-        raise LimitExceeded(f"takes longer than {limits.seconds:.0f} seconds to read")
-    if time.monotonic() - began > _IDLE_SECONDS + 10.0 * computed:
-        raise LimitExceeded("takes too long to read")
+class ReadWatch:
+    """Check of the limits of processes, to be called repeatedly from their start.
+
+    On a busy machine a process may get a hundredth of a processor, and is slow but not blocked.
+    """
+
+    def __init__(self, limits: ReadLimits) -> None:
+        self._limits = limits
+        #: Processor time of the processes, and when it had last grown by `_PROGRESS`.
+        self._computed, self._grown = 0.0, time.monotonic()
+
+    def __call__(self, tree: ProcessTree) -> None:
+        """Raise `LimitExceeded` if the processes exceed a limit or are blocked."""
+        limits, now = self._limits, time.monotonic()
+        computed, memory = tree.measured()
+        if memory > limits.memory:
+            raise _too_large(limits)
+        if computed > limits.seconds:
+            raise LimitExceeded(f"takes longer than {limits.seconds:.0f} seconds to read")
+        if computed - self._computed >= _PROGRESS:
+            self._computed, self._grown = computed, now
+        elif now - self._grown > _IDLE_SECONDS:
+            raise LimitExceeded("takes too long to read")
 
 
 def _too_large(limits: ReadLimits) -> LimitExceeded:

@@ -6,16 +6,18 @@ import math
 import re
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io import raw
 from meshmash_viewer.io.formats import vtk
 from meshmash_viewer.io.formats.npz import npz_limits
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk
 from meshmash_viewer.io.maps import read_maps
-from meshmash_viewer.io.raw import ReadLimits, convert, read_guarded
+from meshmash_viewer.io.raw import LimitExceeded, ReadLimits, ReadWatch, convert, read_guarded
 from meshmash_viewer.io.read import read_mesh
 
 VERTICES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -321,3 +323,24 @@ def test_a_small_file_may_unpack_to_a_little_and_a_large_one_to_its_own_size() -
     assert not ReadLimits.are_needed(10**9, 2e9)
     assert ReadLimits.are_needed(1000, 1e9)
     assert ReadLimits.are_needed(10**9, 1e11)
+
+
+def test_a_starved_reader_goes_on_and_a_blocked_one_is_ended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A reader with 0.4 % of a processor is slow; one without any for a minute is blocked."""
+    now, computed = 0.0, 0.0
+    monkeypatch.setattr(raw, "time", SimpleNamespace(monotonic=lambda: now))
+    tree = SimpleNamespace(measured=lambda: (computed, 0.0))
+    watch = ReadWatch(ReadLimits(8.0, 1e9))
+    for _ in range(1000):
+        now, computed = now + 1.0, computed + 0.004
+        watch(tree)
+    now += 30.0
+    watch(tree)
+    now += 61.0
+    with pytest.raises(LimitExceeded, match="takes too long to read"):
+        watch(tree)
+    computed = 8.1
+    with pytest.raises(LimitExceeded, match="takes longer than 8 seconds"):
+        watch(tree)
