@@ -37,7 +37,8 @@ def exact_array(given: Any) -> npt.NDArray[Any]:
     made = np.asarray(given)
     declared = str(getattr(given, "dtype", getattr(given, "type", ""))).lower()
     rounded = made.dtype.kind == "f" and not declared.startswith(("float", "double", "halffloat"))
-    if made.ndim != 1 or not (rounded or made.dtype.kind == "O"):
+    is_list = made.dtype.kind == "U" and not declared  # in which NumPy writes NaN as text
+    if made.ndim != 1 or not (rounded or is_list or made.dtype.kind == "O"):
         return made
     items = given.to_pylist() if hasattr(given, "to_pylist") else list(given)
     items = [None if _is_missing(each) else _unboxed(each) for each in items]

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cached_property
 from itertools import count
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.arrays import exact_array
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.units import counted
 
@@ -25,6 +28,8 @@ COLOR = re.compile("#[0-9a-fA-F]{6}")
 _TABLE = 2**16
 #: Label numbers below this are stored as int32, since undo keeps a copy of them for each stroke.
 _SMALL = 2**30
+#: Integers up to this are float64 numbers.
+_EXACT = 2**53
 #: Maximum number of characters of a name.
 _LONGEST = 100
 #: Maximum number of labels that a message lists.
@@ -91,7 +96,7 @@ class VertexMap:
     def __post_init__(self) -> None:
         name = printable(self.name, _LONGEST) or "map"
         object.__setattr__(self, "name", name)
-        values = _checked(np.asarray(self.values), name, self.labels)
+        values = _checked(_numbers(self.values, name), name, self.labels)
         if self.labels:
             first: dict[int, Label] = {}
             for label in self.labels:
@@ -241,6 +246,27 @@ def labels_in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[La
     return tuple(label for label in labels if label.key in used)
 
 
+def _numbers(given: Any, name: str) -> npt.NDArray[Any]:
+    """Convert values to an array, objects that are numbers or missing to float64."""
+    values = exact_array(given)
+    known = [each for each in values.flat if each is not None] if values.dtype == object else []
+    if not known or not all(isinstance(each, (Real, Decimal)) for each in known):
+        return values
+    _check_exact([each for each in known if isinstance(each, int)], name)
+    return values.astype(np.float64)
+
+
+def _check_exact(integers: npt.ArrayLike, name: str) -> None:
+    """Raise `InputError` if float64 would round an integer, such as an identifier."""
+    found = np.asarray(integers)
+    largest = max(int(found.max()), -int(found.min())) if found.size else 0
+    if largest > _EXACT:
+        raise InputError(
+            f"Map {name!r} has the whole number {largest}, which would be rounded: give labels, or"
+            " number the values with np.unique(values, return_inverse=True)[1]."
+        )
+
+
 def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> npt.NDArray[Any]:
     """Return values in the type to be stored; raise `InputError` if they are invalid."""
     if values.dtype.kind == "c":
@@ -260,6 +286,8 @@ def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> np
         kind = np.dtype(np.int32 if largest < _SMALL else np.int64)
         shared = values.dtype == kind and values.flags.owndata and not values.flags.writeable
         return values if shared else values.astype(kind)
+    if values.dtype.kind in "iu":
+        _check_exact(values, name)
     kept = values.astype(values.dtype if values.dtype.name == "float32" else np.float64)
     infinite = np.flatnonzero(np.isinf(kept))
     if len(infinite):

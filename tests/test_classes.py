@@ -14,6 +14,7 @@ import shapes
 from tiers import slow
 
 import meshmash_viewer as mv
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.learn import Classifier
 from meshmash_viewer.learn.columns import diffused
 from meshmash_viewer.model.classes import ClassesJob, ClassOptions
@@ -444,3 +445,19 @@ def test_a_model_of_an_earlier_version_has_no_edges(sizes: dict[int, mv.Mesh]) -
     (remark,) = mv.predict_classes(sizes[2], model, warn=False).remarks
     assert "a median edge of 0.32\N{NO-BREAK SPACE}nm: " in remark
     assert mv.predict_classes(sizes[4], model).remarks == ()
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_names_in_an_array_are_classes(several: bool) -> None:
+    mesh = shapes.blob(2).in_unit("nm")
+    names = np.where(mesh.vertices[:, 2] > 0, "upper", "lower")
+    columns = mv.ClassColumns(0.03, 1.0, 40.0, "nm", kinds=("curvature",))
+    given = ([mesh], [names]) if several else (mesh, names)
+    model = mv.train_classes(*given, columns, scored=False)
+    assert model.names == ("lower", "upper")
+    assert model.meshes[0]["n_labelled"] == mesh.n_vertices
+
+
+def test_training_without_labels_is_refused() -> None:
+    with pytest.raises(InputError, match="one whole number or name per vertex"):
+        mv.train_classes(shapes.blob(1), None, "curvature")  # type: ignore[arg-type]

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas
+import pyarrow
 import pyarrow.parquet
 import pytest
 import scipy.linalg
@@ -245,7 +249,7 @@ def test_bad_labels_get_one_sentence() -> None:
         (np.ones(5), "'labels' has 5 values and the mesh 162 vertices"),
         (np.full(162, 0.5), "'labels' has values that are no whole numbers"),
         (np.zeros(162), "'labels' has no vertex with a label"),
-        (np.array(["a"] * 162), "Labels are one whole number per vertex"),
+        (np.array([b"a"] * 162), "Labels are one whole number or name per vertex"),
         (np.arange(162), "no face whose three corners have the same label"),
     ]
     for labels, message in cases:
@@ -293,3 +297,79 @@ def test_the_command_writes_the_table(
         assert message in capsys.readouterr().err
     assert main([*given, "side.npy", "-o", "out.xyz"]) == 2
     assert ".csv .parquet .npz" in capsys.readouterr().err
+
+
+#: A sphere whose first vertex is repeated but not used, and has no label.
+BALL = mv.Mesh(*(lambda v, f: (np.vstack([v[:1], v]), f + 1))(*shapes.icosphere(2)))
+NORTH = BALL.vertices[:, 2] > 0
+#: Names, and identifiers that float64 does not distinguish.
+NAMES = pandas.Series(np.where(NORTH, "north", "south")).mask(np.arange(len(NORTH)) == 0)
+IDS = pandas.Series(np.where(NORTH, 720575940612345678, 720575940612345679))
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        NAMES.fillna("").to_numpy().astype(str),
+        NAMES.to_numpy(),
+        NAMES.tolist(),
+        NAMES.astype(object).mask(NAMES.isna(), None),
+        NAMES.astype("string"),
+        NAMES.astype("category"),
+        pandas.Categorical(NAMES),
+        pyarrow.array(NAMES),
+        pyarrow.array(NAMES).dictionary_encode(),
+        IDS.astype("Int64").mask(NAMES.isna()),
+        IDS.astype("int64[pyarrow]").mask(NAMES.isna()),
+        IDS.astype(object).mask(NAMES.isna(), None),
+        pandas.Categorical(IDS.astype(object).mask(NAMES.isna(), None)),
+        pyarrow.array([None, *IDS[1:]]),
+        [None, *IDS[1:]],
+    ],
+)
+def test_labels_are_names_or_exact_numbers_in_any_array(labels: Any) -> None:
+    table = mv.regions(BALL, labels, whole=True)
+    assert table["label"].tolist() in (["north", "south"], sorted(set(IDS.astype(str))))
+    assert table["vertices"].tolist() == [NORTH[1:].sum(), (~NORTH[1:]).sum()]
+    points = mv.project_points(BALL, BALL.vertices[1:])
+    found = points.per_label(labels)
+    assert [str(each) for each in found["label"]] == table["label"].tolist()
+    assert found["points"].tolist() == [NORTH[1:].sum(), (~NORTH[1:]).sum()]
+
+
+@pytest.mark.parametrize("labels", [None, {0: 1}, "north", [[1]], [1.5] * len(NORTH), [b"a"], [()]])
+def test_what_is_neither_a_number_nor_a_name_is_refused(labels: Any) -> None:
+    with pytest.raises(InputError, match="whole number"):
+        mv.regions(BALL, labels)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        IDS,
+        -IDS,
+        IDS.astype("uint64") + 2**63,
+        IDS.astype("Int64").mask(NAMES.isna()),
+        [None, *IDS[1:]],
+        pyarrow.array(IDS),
+    ],
+)
+def test_a_map_does_not_round_identifiers(values: Any) -> None:
+    with pytest.raises(InputError, match=r"has the whole number \d+, which would be rounded"):
+        mv.VertexMap("root_id", values)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        pandas.Series([1, None, 3], dtype="Int64"),
+        [1, None, 3.0],
+        np.array([1, np.nan, 3], dtype=object),
+        pandas.Series([Decimal(1), None, Decimal(3)]),
+        pyarrow.array([1, None, 3]),
+        pandas.Series(pandas.Categorical([1, None, 3])),
+    ],
+)
+def test_numbers_next_to_missing_ones_are_a_map(values: Any) -> None:
+    found = mv.VertexMap("size", values).values
+    np.testing.assert_array_equal(found, [1.0, np.nan, 3.0])

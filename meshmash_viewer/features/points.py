@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.arrays import FloatArray, IntArray, exact_array
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
@@ -207,13 +207,15 @@ class ProjectedPoints:
             groups = np.nan_to_num(fitted.shown, nan=-1.0).astype(np.int64)
             names = np.array([each.name for each in fitted.labels])
         else:
-            values = np.asarray(labels.values if isinstance(labels, VertexMap) else labels)
+            values = exact_array(labels.values if isinstance(labels, VertexMap) else labels)
             if values.shape != (self.mesh.n_vertices,):
                 raise InputError(
                     f"Labels of shape {values.shape} do not fit {self.mesh.n_vertices:,} vertices:"
                     " give one per vertex."
                 )
-            names, groups = np.unique(values, return_inverse=True)
+            known = np.array([each not in (None, "") for each in values], dtype=np.bool_)
+            groups = np.full(len(values), -1)
+            names, groups[known] = np.unique(_alike(values[known]), return_inverse=True)
             if names.dtype.kind == "f" and np.array_equal(names, np.rint(names)):
                 names = names.astype(np.int64)
         return {"label": names, **self.sums(groups, len(names))}
@@ -322,6 +324,14 @@ def project_points(
         raise FarPointsError(f"No point{of} is within {within} of the mesh; {remedy}", unit)
     said = (*table.remarks, remark) if remark else table.remarks
     return ProjectedPoints(table, surface, places, vertices, distances, limit, said)
+
+
+def _alike(labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Convert objects, such as names, to an array of one type."""
+    if labels.dtype != object:
+        return labels
+    kind = np.int64 if all(isinstance(each, int) for each in labels) else np.str_
+    return labels.astype(kind)
 
 
 def _as_positions(given: npt.ArrayLike) -> FloatArray:

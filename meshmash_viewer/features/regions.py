@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.arrays import FloatArray, IntArray
+from meshmash_viewer.arrays import FloatArray, IntArray, exact_array
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
@@ -139,14 +139,15 @@ def regions(
     vertex are connected. Labelled vertices in no such face are in no region; `Regions.remarks`
     counts them. With `whole`, a region consists of all vertices with the label.
 
-    `InputError` is raised if labels or maps are of another number of vertices, labels are not whole
-    numbers, or no face has three corners with the same label.
+    `InputError` is raised if labels or maps are of another number of vertices, labels are neither
+    whole numbers nor names, or no face has three corners with the same label.
 
     Parameters
     ----------
     mesh : MeshLike
     labels : VertexMap or array_like, shape (n,)
-        Labels without names are named by their numbers; 0, False and NaN mean no label.
+        Numbers or names; 0, False, NaN, None and "" mean no label. Labels without names are named
+        by their numbers.
     maps : sequence of VertexMap
         Maps whose area-weighted mean, minimum and maximum are columns.
     neck : bool
@@ -239,14 +240,16 @@ def regions(
 
 
 def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
-    """Convert labels to a map with labels; labels without names are named by their numbers."""
+    """Convert labels to a map with labels; numbers without names are named by themselves."""
     if isinstance(given, VertexMap) and given.labels:
         return given
     name = given.name if isinstance(given, VertexMap) else "labels"
-    raw = np.asarray(given.values if isinstance(given, VertexMap) else given)
+    raw = exact_array(given.values if isinstance(given, VertexMap) else given)
+    if raw.ndim == 1 and raw.dtype.kind in "UO":
+        return _named_labels(name, raw)
     if raw.dtype.kind not in "biuf" or raw.ndim != 1:
         raise InputError(
-            f"Labels are one whole number per vertex, not {raw.dtype} of shape {raw.shape}."
+            f"Labels are one whole number or name per vertex, not {raw.dtype} of shape {raw.shape}."
         )
     numbers = np.nan_to_num(raw) if raw.dtype.kind == "f" else raw
     if not np.array_equal(numbers, np.rint(numbers)):
@@ -258,6 +261,22 @@ def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
     if not labels:
         raise InputError(f"{name!r} has no vertex with a label: all numbers are 0.")
     return VertexMap(name, numbers, labels)
+
+
+def _named_labels(name: str, given: npt.NDArray[Any]) -> VertexMap:
+    """Convert names, or whole numbers next to missing ones, to a map with labels."""
+    known = np.array([each not in (None, "") for each in given], dtype=np.bool_)
+    if all(isinstance(each, int) for each in given[known]):
+        return label_map(np.where(known, given, 0).astype(np.int64))
+    if not all(isinstance(each, str) for each in given[known]):
+        kinds = sorted({type(each).__name__ for each in given[known]})
+        raise InputError(f"Labels are one whole number or name per vertex, not {kinds[0]}.")
+    names, places = np.unique(given[known].astype(str), return_inverse=True)
+    numbers = np.zeros(len(given), dtype=np.int64)
+    numbers[known] = places + 1
+    colors = numbered_labels(np.arange(1, len(names) + 1))
+    labels = (replace(each, name=str(text)) for each, text in zip(colors, names, strict=True))
+    return VertexMap(name, numbers, tuple(labels))
 
 
 def _rows(mesh: Mesh, known: VertexMap, whole: bool) -> tuple[IntArray, IntArray]:

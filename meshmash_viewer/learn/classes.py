@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -164,7 +164,7 @@ class ClassPrediction:
 
 def train_classes(
     meshes: MeshLike | Sequence[MeshLike],
-    labels: VertexMap | Sequence[VertexMap],
+    labels: VertexMap | npt.ArrayLike | Sequence[VertexMap | npt.ArrayLike],
     columns: ClassColumns | str = "hks",
     classifier: Classifier = "ensemble",
     *,
@@ -181,9 +181,9 @@ def train_classes(
     ----------
     meshes : MeshLike or sequence of them
         Training meshes; if there are several, each needs a unit of length.
-    labels : VertexMap or sequence of them
-        Labels of each mesh. Labels with the same name are one class; without names, labels with the
-        same number, where 0 is no label.
+    labels : VertexMap or array_like, shape (n,), or sequence of them
+        Labels of each mesh, see `regions`. Labels with the same name are one class; without names,
+        labels with the same number, where 0 is no label.
     columns : ClassColumns or str
         Columns to learn from, or only their kinds, such as "hks" or "hks,curvature", for the times
         that `ClassColumns.chosen` selects for the first mesh.
@@ -242,7 +242,8 @@ def train_classes(
     if not 0.0 <= smoothing < np.inf:
         raise InputError(f"smoothing is {smoothing:g}: give a length, or 0 for none.")
     several: list[Any] = [meshes, labels, pairs, features]
-    if isinstance(labels, VertexMap):
+    first: Any = next(iter(labels), None) if isinstance(labels, Iterable) else None
+    if not isinstance(first, VertexMap) and np.ndim(first) == 0:
         several = [[each] for each in several]
     given, sets = [as_mesh(each) for each in several[0]], list(several[1])
     known, done = (list(each or [None] * len(given)) for each in several[2:])

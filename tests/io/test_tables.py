@@ -240,3 +240,15 @@ def test_categories_of_numbers_are_numbers(tmp_path: Path) -> None:
     table = pandas.DataFrame({"a": pandas.Categorical([3, 1, None, 3])})
     table.to_parquet(tmp_path / "a.parquet")
     np.testing.assert_array_equal(read_maps(tmp_path / "a.parquet", MESH)[0].values, [3, 1, NAN, 3])
+
+
+def test_identifiers_of_vertices_are_left_out_instead_of_rounded(tmp_path: Path) -> None:
+    wide = [720575940612345679, 720575940612345681, 0, 1]
+    columns = {"a": [1, 2, 3, 4], "whole": wide, "some": pandas.array([*wide[:3], None])}
+    pandas.DataFrame(columns).to_parquet(tmp_path / "a.parquet")
+    with pytest.warns(MeshWarning, match="would be rounded") as said:
+        found = read_maps(tmp_path / "a.parquet", MESH)
+    assert [each.name for each in found] == ["a"]
+    text = " ".join(str(each.message) for each in said)
+    assert "whole" in text
+    assert "some" in text

@@ -354,7 +354,7 @@ def _spread_color(place: int) -> str:
 
 def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
     """Return the numbers of a column, NaN if missing; `InputError` is raised if it has none."""
-    import pyarrow
+    import pyarrow.compute
     from pyarrow import types
 
     kind = column.type
@@ -368,6 +368,10 @@ def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
         texts = [str(each) for each in column.to_pylist() if each is not None]
         example = next((each for each in texts if not _is_number(each)), texts[0])
         raise InputError(f"not numbers, such as {printable(example, 30)!r}")
+    if types.is_integer(kind) and column.null_count:
+        largest = max(map(abs, pyarrow.compute.min_max(column).as_py().values()))
+        if largest > 2**53:  # NumPy has no missing integers
+            raise InputError(f"{largest} would be rounded, since numbers are missing")
     values: npt.NDArray[Any] = column.to_numpy()
     return values
 
