@@ -28,6 +28,7 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QListWidget, QWidget
 
+import meshmash_viewer.app.view.figure  # noqa: F401  (imported behind the window by `run_app`)
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.main_window import MainWindow
