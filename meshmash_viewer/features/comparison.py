@@ -27,7 +27,7 @@ from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.mesh import Mesh, MeshLike
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
@@ -394,6 +394,7 @@ def compare_shapes(
     >>> mv.compare_shapes(pairs, pairs).distance
     0.0
     """
+    check_eigenpairs("compare_shapes(first, second)", first, second)
     count = min(len(first.eigenvalues), len(second.eigenvalues))
     spectra = unit_area_spectrum(first)[:count], unit_area_spectrum(second)[:count]
     if bank is None:
@@ -494,6 +495,7 @@ def match_functions(
     """
     from scipy.optimize import linear_sum_assignment
 
+    check_eigenpairs("match_functions(first, second, vertices)", first, second)
     there = _checked_vertices(vertices, first, second)
     used = (there >= 0) & (first.mass > 0.0)
     used[used] = second.mass[there[used]] > 0.0

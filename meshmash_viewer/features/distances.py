@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,11 +20,8 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_responses import ZERO_SHARE, as_spectrum
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
 from meshmash_viewer.units import power_unit
-
-if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-
 
 #: Label, and unit as a power of length, of each kind of distance by name.
 MEASURES: dict[str, tuple[str, int]] = {
@@ -336,6 +333,7 @@ def distance_features(
     else:
         if decomposition is None:
             raise InputError(f"The {measure} distance needs eigenpairs: give a decomposition.")
+        check_eigenpairs("distance_features(mesh, vertices, measure, pairs)", decomposition)
         if measure == "diffusion":
             _check_time(time)
             meta |= {"time": time, "time_unit": power_unit(surface.unit, 2)}

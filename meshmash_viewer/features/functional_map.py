@@ -23,7 +23,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,9 +39,7 @@ from meshmash_viewer.features.shape import Matches
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
-
-if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
 
 #: Number of eigenfunctions of each shape in the first map, and in the refined map.
 _FIRST, _LAST = 30, 150
@@ -251,6 +249,7 @@ def functional_map(
     >>> bool(np.allclose(found.matrix, np.eye(12), atol=0.1))
     True
     """
+    check_eigenpairs("functional_map(first, second)", first, second)
     known = min(len(first.eigenvalues), len(second.eigenvalues))
     count = min(n_functions, known)
     if count < 2:
@@ -350,6 +349,7 @@ def zoomout(
     >>> found.matrix.shape, float(np.mean(found.matches.indices == np.arange(98)))
     ((40, 40), 1.0)
     """
+    check_eigenpairs("zoomout(first, second, start)", first, second)
     if step < 1:
         raise InputError(f"step is {step}: give at least 1.")
     last = min(n_functions, len(first.eigenvalues), len(second.eigenvalues))

@@ -5,19 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.features.filter_responses import count_zeros
-from meshmash_viewer.features.maps import as_map_values, check_decomposition, filled, without_gaps
+from meshmash_viewer.features.maps import as_map_values, filled, without_gaps
 from meshmash_viewer.progress import CancelCallback, check_cancelled
-
-if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
 
 #: Pairs and vertices processed at a time, so that few rows of a memory map are in memory.
 _ROWS, _VERTICES = 64, 1 << 15
@@ -112,7 +109,7 @@ def map_spectrum(decomposition: Eigenpairs, values: npt.ArrayLike) -> MapSpectru
     >>> f"{spectrum.share(4):.6f} {spectrum.residual(3):.6f}"
     '1.000000 1.000000'
     """
-    check_decomposition(decomposition, "map_spectrum(pairs, values)")
+    check_eigenpairs("map_spectrum(pairs, values)", decomposition)
     f = as_map_values(values, decomposition.rows.shape[1], columns=False)
     f = without_gaps(f, decomposition.mass)
     return project(decomposition.eigenvalues, decomposition.rows, decomposition.mass, f)

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, MissingValuesWarning
 from meshmash_viewer.features.filter_responses import checked_coefficients
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.laplacian import SparseMatrix
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) -> FloatArray:
@@ -151,7 +151,7 @@ def filter_map(
     >>> mv.filter_map(pairs, [2.0, 2.0, 2.0, 2.0], mv.low_pass_bank(1e-3)).round(6)
     array([2., 2., 2., 2.])
     """
-    check_decomposition(decomposition, "filter_map(pairs, values, response)")
+    check_eigenpairs("filter_map(pairs, values, response)", decomposition)
     if not callable(response):
         raise InputError(
             "The filter comes last, as filter_map(pairs, values, response): it is a FilterBank or "
@@ -197,20 +197,6 @@ def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
     if values.ndim not in ((1, 2) if columns else (1,)) or len(values) != n:
         raise InputError(f"A map has one number per vertex: {wanted}, not {values.shape}.")
     return values
-
-
-def check_decomposition(given: Any, call: str) -> None:
-    """Raise `InputError` if `given` is not a decomposition; `call` is the correct call."""
-    if not (hasattr(given, "eigenvalues") and hasattr(given, "rows")):
-        raise InputError(
-            f"The eigenpairs come first, as {call}: the first argument is of type "
-            f"{type(given).__name__}, not what solve returns."
-        )
-    if len(given.mass) != given.rows.shape[1]:
-        raise InputError(
-            f"The eigenpairs have {given.rows.shape[1]} vertices, and areas of {len(given.mass)}: "
-            "give what solve returns, or a Decomposition with the diagonal of M as its mass."
-        )
 
 
 def filled(values: FloatArray, mass: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +19,8 @@ from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
 from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
 from meshmash_viewer.units import counted
-
-if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-
 
 #: `Features`, or their values alone, shape (n, f).
 FeaturesLike: TypeAlias = Any
@@ -157,6 +154,7 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Eigenpairs, n: int) -> Floa
     True
     """
     mesh = as_mesh(mesh)
+    check_eigenpairs("low_pass_vertices(mesh, pairs, n)", decomposition)
     if decomposition.rows.shape[1] != mesh.n_vertices:
         raise InputError(
             f"The eigenpairs are of {decomposition.rows.shape[1]} vertices, the mesh has "

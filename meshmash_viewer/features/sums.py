@@ -28,13 +28,13 @@ from meshmash_viewer.features.truncation import (
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.spectral.cost import check_columns
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import named_apart
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 #: Multiple of the typical value above which values of small components are reported.
@@ -290,6 +290,7 @@ def compute_features(
     >>> hks.values[0].round(3)
     array([0.189, 0.113])
     """
+    check_eigenpairs("compute_features(pairs, bank)", decomposition)
     check_tail(tail, bank.kind)
     start = 1 if drop_first else 0
     eigenvalues, rows = decomposition.eigenvalues, decomposition.rows

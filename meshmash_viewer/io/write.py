@@ -23,13 +23,13 @@ from meshmash_viewer.io.atomic import writing_errors, written_together, written_
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import WITHOUT_INDEX, WITHOUT_PROVENANCE, FeatureTable, writer_of
 from meshmash_viewer.mesh import MeshLike, as_mesh
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.map_spectrum import MapSpectrum
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 def write_features(
@@ -96,6 +96,7 @@ def write_eigenpairs(
     >>> np.load(folder / "pairs.npz")["eigenvectors"].shape
     (642, 16)
     """
+    check_eigenpairs("write_eigenpairs(path, pairs, mesh)", decomposition)
     extra = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
     archive = {
         **extra,

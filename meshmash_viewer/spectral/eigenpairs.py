@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_responses import count_zeros, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, multiplets
@@ -275,6 +276,21 @@ class _MappedRows:
     path: Any
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
+
+
+def check_eigenpairs(call: str, *given: Any) -> None:
+    """Raise `InputError` if an argument is not eigenpairs; `call` is the correct call."""
+    for each in given:
+        if not (hasattr(each, "eigenvalues") and hasattr(each, "rows")):
+            raise InputError(
+                f"{call} takes eigenpairs as solve returns them, not of type {type(each).__name__}."
+            )
+        if len(each.mass) != each.rows.shape[1]:
+            raise InputError(
+                f"The eigenpairs have {each.rows.shape[1]} vertices, and areas of"
+                f" {len(each.mass)}: give what solve returns, or a Decomposition with the diagonal"
+                " of M as its mass."
+            )
 
 
 def format_eigenvalue(value: float, spectrum: Eigenpairs, unit: str, digits: int = 3) -> str:
