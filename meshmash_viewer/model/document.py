@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -111,6 +112,9 @@ class Document(OpenMesh):
         #: The mesh before a repair, if the repaired mesh is to be decomposed.
         self._computes_after: MeshReady | None = None
         self._file_mesh: Mesh | None = None
+        #: Of a mesh that was repaired: the displayed family and all families before the repair.
+        self._sources: WeakKeyDictionary[MeshReady, tuple[str, Mapping[str, Family]]]
+        self._sources = WeakKeyDictionary()
         self._preview: Eigenpairs | None = None
         #: A mesh file that is being read, and the files of maps to read after it.
         self._maps_of: tuple[Path, tuple[Path, ...]] | None = None
@@ -280,6 +284,7 @@ class Document(OpenMesh):
             return
         if shown.ready.mesh.vertices is not now.vertices:
             self._show(shown.ready, shown.spectrum, now)
+            self._restore_sources(shown.ready)
             return
         solved = shown.ready.part or shown.ready
         if not self.is_solved(solved.mesh):
@@ -292,9 +297,9 @@ class Document(OpenMesh):
         else:
             self.spectrum_changed.emit()
 
-    def _restore_sources(self, before: tuple[str, Mapping[str, Family]]) -> None:
-        """Restore the families whose source vertex a repair has removed, and display them again."""
-        display, (kind, families) = self.display, before
+    def _restore_sources(self, ready: MeshReady) -> None:
+        """Restore the families whose source vertex a repair of a mesh has removed."""
+        display, (kind, families) = self.display, self._sources.get(ready, ("", {}))
         lost = [name for name in families if families[name].usable]
         lost = [name for name in lost if not display.fields[name].usable]
         display.put(*(families[name] for name in lost))
@@ -304,7 +309,6 @@ class Document(OpenMesh):
     def _keep_display(self) -> None:
         """Declare the parts of the display that can be undone, and record their changes."""
         display, keep = self.display, self.history.keep
-        keep("sources", lambda: (display.kind, display.fields), self._restore_sources)
         keep(
             "signs",
             lambda: display[Eigenfunctions].flipped,
@@ -373,6 +377,8 @@ class Document(OpenMesh):
             text = f"The {label} needs eigenpairs of the whole mesh; Undo brings the part back."
             self.notices.say(text)
         self.history.record(label, *self.history.read())  # all parts depend on the mesh
+        assert self.ready is not None
+        self._sources[self.ready] = self.display.kind, self.display.fields
         with self.history.paused():
             self._show(ready, ready.known, before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs change")
