@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,7 +34,12 @@ def exact_array(given: Any) -> npt.NDArray[Any]:
 
     NumPy converts nullable whole numbers of pandas, polars and Arrow to float64, which rounds
     identifiers beyond 2⁵³. Here they become objects, with None for a missing value.
+    Masked values are missing.
     """
+    if np.ma.is_masked(given):
+        made = np.ma.getdata(given).astype(object)
+        made[np.ma.getmaskarray(given)] = None
+        return made
     made = np.asarray(given)
     declared = str(getattr(given, "dtype", getattr(given, "type", ""))).lower()
     rounded = made.dtype.kind == "f" and not declared.startswith(("float", "double", "halffloat"))
@@ -100,6 +106,10 @@ def checked_vertices(given: Any) -> FloatArray:
     try:
         if np.iscomplexobj(given):
             raise TypeError  # a cast would drop the imaginary parts
+        if np.asarray(given).dtype.kind in "mM":
+            raise TypeError  # times
+        if np.ma.is_masked(given):
+            given = np.ma.filled(np.ma.asarray(given, np.float64), np.nan)
         vertices = np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError):
         raise InputError("Vertices are an array of numbers of shape (n, 3).") from None
@@ -118,6 +128,12 @@ def checked_vertices(given: Any) -> FloatArray:
 
 def check_vertex(vertex: int, n: int) -> None:
     """Raise an `InputError` unless a vertex is an index from 0 to n - 1."""
+    try:
+        operator.index(vertex)
+    except TypeError:
+        raise InputError(f"A vertex is a whole number from 0 to {n - 1}, not {vertex!r}.") from None
+    if isinstance(vertex, bool):
+        raise InputError(f"A vertex is a whole number from 0 to {n - 1}, not {vertex}.")
     if not 0 <= vertex < n:
         raise InputError(f"There is no vertex {vertex}: they are counted from 0 to {n - 1}.")
 
@@ -138,7 +154,14 @@ def check_size(vertices: FloatArray, faces: IntArray) -> None:
 
 def checked_faces(given: Any, n_vertices: int) -> IntArray:
     """Copy vertex indices of triangles; raise an `InputError` unless valid, shape (m, 3)."""
-    array = np.asarray(given)
+    try:
+        array = np.asarray(np.ma.filled(given, -1) if np.ma.is_masked(given) else given)
+        if array.dtype.kind == "O" and array.ndim == 2:
+            array = array.astype(np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            "Faces are an array of vertex indices, three for each triangle, shape (m, 3)."
+        ) from None
     if array.size == 0:
         raise InputError("The mesh has no faces: a surface is needed, not a cloud of points.")
     if array.ndim != 2 or array.shape[1] != 3:

@@ -227,9 +227,18 @@ def subscript(number: int) -> str:
     return str(number).translate(_SUBSCRIPTS)
 
 
+def is_real(value: object) -> bool:
+    """Whether a value is a real number, or an array of shape () with one."""
+    try:
+        float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return False
+    return not isinstance(value, (str, bytes))
+
+
 def whole_number(count: float, name: str, most: float = math.inf) -> int:
     """Return a count as int; raise `InputError` with its `name` unless whole, from 1 to `most`."""
-    if not (math.isfinite(count) and 1 <= count <= most and count == int(count)):
+    if not (is_real(count) and math.isfinite(count) and 1 <= count <= most and count == int(count)):
         limit = f" to {most:,}" if math.isfinite(most) else ""
         raise InputError(f"{name} is {count}: give a whole number from 1{limit}.")
     return int(count)

@@ -96,6 +96,9 @@ class VertexMap:
     def __post_init__(self) -> None:
         name = printable(self.name, _LONGEST) or "map"
         object.__setattr__(self, "name", name)
+        if wrong := [each for each in self.labels if not isinstance(each, Label)]:
+            kind = type(wrong[0]).__name__
+            raise InputError(f"Labels of map {name!r} are a sequence of mv.Label, not {kind}.")
         values = _checked(_numbers(self.values, name), name, self.labels)
         if self.labels:
             first: dict[int, Label] = {}

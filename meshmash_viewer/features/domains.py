@@ -78,7 +78,10 @@ def aggregate_features(
     >>> mv.aggregate_features(ball.vertices[:, 2], halves)[0].round(2).tolist()
     [nan, -0.48, 0.53]
     """
-    table = np.asarray(features, dtype=np.float64)
+    try:
+        table = np.asarray(features, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("Features of domains are numbers: leave out columns of text.") from None
     table = table.reshape(len(table), -1)
     names = getattr(features, "columns", range(table.shape[1]))
     return frame_of_domains(domain_means(table, labels, weights), names, first=-1)

@@ -24,6 +24,7 @@ from meshmash_viewer.units import (
     counted,
     format_quantity,
     format_share,
+    is_real,
     written_unit,
 )
 from meshmash_viewer.vertex_map import VertexMap
@@ -303,7 +304,7 @@ def project_points(
     if limit is None:
         typical = 3.0 * math.sqrt(surface.area / surface.n_faces)
         limit = max(NEAR * float(np.linalg.norm(high - low)), typical)
-    if not limit >= 0.0:
+    if not (is_real(limit) and limit >= 0.0):
         raise InputError(f"The largest distance is {limit}: give a number from 0.")
     used = np.flatnonzero(surface.referenced)
     tree = cKDTree(surface.vertices[used], compact_nodes=False, balanced_tree=False)

@@ -7,6 +7,7 @@ import gzip
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TypeAlias
@@ -153,6 +154,11 @@ def read_mesh(
     ('nm', 'dendrite')
     """
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
+    if not isinstance(path, (str, PathLike)):
+        raise InputError(
+            f"read_mesh reads a file, not an object of type {type(path).__name__}: other functions"
+            " take meshes in memory."
+        )
     link, ending = _linked(path, segment, lod), LINK_ENDING
     if link is None:
         path = Path(path)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def write_features(
     path: str | Path,
     features: Features,
-    mesh: Mesh,
+    mesh: MeshLike,
     *,
     eigenvalues: npt.ArrayLike | None = None,
     meta: dict[str, Any] | None = None,
@@ -51,7 +51,7 @@ def write_features(
         A file with one of the endings of `WRITERS`.
     features : Features
         Values of shape (n, f), one row per vertex.
-    mesh : Mesh
+    mesh : MeshLike
         The mesh of the features.
     eigenvalues : array_like, shape (k,), optional
         Eigenvalues of the pairs used for the features; written to NPZ files only.
@@ -65,6 +65,14 @@ def write_features(
     >>> np.load(folder / "hks.npz")["features"].shape
     (642, 2)
     """
+    from meshmash_viewer.features.sums import Features
+
+    if not isinstance(features, Features):
+        raise InputError(
+            "Features are written from mv.Features(values, columns), not from"
+            f" {type(features).__name__}."
+        )
+    mesh = as_mesh(mesh)
     if len(features.values) != mesh.n_vertices:
         raise InputError(
             f"Features of {len(features.values)} rows do not match a mesh of"

@@ -334,6 +334,15 @@ def predict_classes(
     >>> bool((found.labels.values == parts.values).mean() > 0.95), len(found.maps)
     (True, 4)
     """
+    if not isinstance(model, ClassModel):
+        raise InputError(
+            "A model is the result of train_classes, or of read_classes for a file, not of type"
+            f" {type(model).__name__}."
+        )
+    if not (features is None or isinstance(features, Features)):
+        raise InputError(
+            f"features are the result of model.columns.compute, not {type(features).__name__}."
+        )
     mesh = as_mesh(mesh)
     model.check_mesh(mesh)
     remark = model.resolution_remark(mesh)

@@ -35,7 +35,7 @@ from meshmash_viewer.spectral.engine.output import Output, Pace
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.request import Allocate, Request
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.units import whole_number
+from meshmash_viewer.units import is_real, whole_number
 
 #: Number of pairs assumed in progress reports until the number is known.
 _USUAL_PAIRS = 80
@@ -368,7 +368,7 @@ def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
 
 def check_bands(max_eigenvalue: float, band_size: int) -> None:
     """Raise `InputError` for a negative threshold or an empty band."""
-    if not max_eigenvalue >= 0.0:
+    if not (is_real(max_eigenvalue) and max_eigenvalue >= 0.0):
         raise InputError(
             f"max_eigenvalue is {max_eigenvalue}: no eigenvalue of a Laplacian is negative, "
             "give a positive number."
