@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -146,3 +147,12 @@ def test_features_of_domains_are_numbers(values: Any) -> None:
 def test_a_distance_is_a_number(limit: Any) -> None:
     with pytest.raises(InputError, match="give a number from 0"):
         mv.project_points(MESH, VERTICES, limit)
+
+
+def test_options_may_be_numpy_numbers_and_other_objects(tmp_path: Path) -> None:
+    meta = {"count": np.int64(3), "times": np.arange(2.0), "kinds": {"b", "a"}, "at": Path("x.ply")}
+    for ending in ("npz", "npy", "csv", "parquet", "vtp"):
+        mv.write_features(tmp_path / f"a.{ending}", FEATURES, MESH, meta=meta)
+    written = json.loads((tmp_path / "a.csv.json").read_bytes())["options"]
+    wanted = {"count": 3, "times": [0.0, 1.0], "kinds": ["a", "b"], "at": "x.ply"}
+    assert {name: written[name] for name in meta} == wanted

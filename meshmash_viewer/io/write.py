@@ -196,6 +196,13 @@ def mesh_arrays(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:
     return arrays if mesh.numbering is None else {**arrays, "vertex": mesh.file_indices}
 
 
+def _plain(value: Any) -> Any:
+    """Convert an option for JSON: NumPy arrays and sets to lists, other objects to text."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    return sorted(map(str, value)) if isinstance(value, (set, frozenset)) else str(value)
+
+
 def write_table(
     path: str | Path,
     kind: str,
@@ -218,6 +225,7 @@ def write_table(
         about["labels"] = [[each.key, each.name, each.color] for each in table.labels]
     if table.repaired and path.name.lower().endswith(WITHOUT_INDEX):
         about["rows"] = _ranges(table.rows)
+    about = json.loads(json.dumps(about, default=_plain))
     table = replace(table, meta=json.dumps(about, separators=(",", ":")))
     writer = writer_of(kind, path)
     with writing_errors(path):
