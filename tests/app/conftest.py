@@ -19,6 +19,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view import frames
+from meshmash_viewer.io import raw
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.document import Document
@@ -48,10 +49,10 @@ def qtbot(qapp: QApplication, request: pytest.FixtureRequest) -> QtBot:
 
 @pytest.fixture(scope="module", autouse=True)
 def jobs_in_threads() -> Iterator[None]:
-    """Run jobs in a thread: starting a process for each window would take two seconds."""
-    Worker.in_process = True
+    """Run jobs and readers in threads, since starting processes takes seconds."""
+    Worker.in_process = raw._watched = True
     yield
-    Worker.in_process = False  # for the tests of other folders in the same process
+    Worker.in_process = raw._watched = False  # for tests of other folders in this process
 
 
 @pytest.fixture(autouse=True)
@@ -66,8 +67,9 @@ def single_samples(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
 
 @pytest.fixture
 def own_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run jobs in a process, as the program does."""
+    """Run jobs and readers in processes, as the program does."""
     monkeypatch.setattr(Worker, "in_process", False)
+    monkeypatch.setattr(raw, "_watched", False)
 
 
 @pytest.fixture(scope="module")
@@ -196,6 +198,9 @@ def window(open_window: Callable[..., MainWindow]) -> MainWindow:
 def all_garbage() -> Iterator[None]:
     """Delete the widgets and collect the garbage that the tests of a module leave."""
     yield
+    for widget in QApplication.topLevelWidgets():
+        if isinstance(widget, MainWindow):  # a change of theme takes a second for each window
+            widget.deleteLater()
     QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     gc.collect()
     gc.freeze()  # later collections skip the remaining objects, such as modules

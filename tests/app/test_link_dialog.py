@@ -75,7 +75,6 @@ def test_the_segments_of_a_url_of_neuroglancer_are_offered(dialog: LinkDialog) -
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("read_here")
 def test_a_link_is_opened_and_its_session_is_found_again(
     open_window: Callable[..., MainWindow],
     tmp_path: Path,
