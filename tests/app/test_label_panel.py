@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,6 +26,7 @@ from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.open_mesh import MeshReady
+from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.surface.edges import border_edges
 
 LEFT = Qt.MouseButton.LeftButton
@@ -600,3 +603,53 @@ def test_what_is_no_label_set_is_opened_as_numbers_and_said(
     assert labelled.stage.message_bar.notice.severity == "warning"
     assert [each.name for each in labelled.document.labels.sets] == ["labels"]
     assert labelled.document.maps.displayed == "a.npy"
+
+
+def test_rows_of_a_table_are_copied_with_titles_and_all_digits(
+    labelled: MainWindow, qtbot: QtBot
+) -> None:
+    document, areas = labelled.document, MESH.vertex_areas
+    document.labels.rename(1, 'cap "up"')
+    document.maps.add(MESH, [mv.VertexMap("height", MESH.vertices[:, 2])])
+    document.pins.set("pins", (Pin(3, 1, "soma"), Pin(40, 2)))
+    part(labelled, "pin_table_check").setChecked(True)
+    before = document.labels.regions  # of another test
+    press(labelled, "region_measure_button")
+    qtbot.waitUntil(lambda: document.labels.regions is not before, timeout=60_000)
+    rest(labelled, qtbot)
+    document.display.kind = "map"
+    document.maps.show("height")
+    rest(labelled, qtbot)
+
+    def copied(name: str) -> list[list[str]]:
+        shown = part(labelled, name)
+        QTest.keyClick(shown, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
+        lines = io.StringIO(QApplication.clipboard().text())
+        return list(csv.reader(lines, "excel-tab"))
+
+    titles, cap, other = copied("label_table")
+    assert titles == ["Number", "Label", "Colour", "Vertices", "Area, nm²"]
+    assert cap[:2] == ["1", 'cap "up"']
+    assert int(cap[3]) == UP.sum()
+    assert float(cap[4]) == pytest.approx(areas[UP].sum(), rel=1e-13)
+    assert other[3:] == ["0", "0.0"]
+
+    regions = document.labels.regions
+    titles, *rows = copied("region_table")
+    assert titles[:4] == ["label", "part", "vertices", "area, nm²"]
+    for at, name in enumerate(regions.columns):
+        if name != "label":
+            found = [float(row[at] or "nan") for row in rows]
+            np.testing.assert_array_equal(found, regions[name])
+
+    titles, first, second = copied("pin_table")
+    assert titles == ["Pin", "Name", "Index", "Value", "x in nm", "y in nm", "z in nm"]
+    assert first[:3] == ["1", "soma", "3"]
+    assert list(map(float, second[4:])) == MESH.vertices[40].tolist()
+    assert float(first[3]) == pytest.approx(MESH.vertices[3, 2], rel=1e-7)
+    # selected rows alone
+    pins = part(labelled, "pin_table")
+    QTest.mouseClick(pins.viewport(), LEFT, pos=pins.visualRect(pins.rows.index(1, 1)).center())
+    assert [row[0] for row in copied("pin_table")] == ["Pin", "2"]
+    QTest.keyClick(pins, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
+    assert [row[0] for row in copied("pin_table")] == ["Pin", "1", "2"]

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, TypeAlias
 
-from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt
-from PySide6.QtGui import QIcon, QKeyEvent
+from PySide6.QtCore import (
+    QAbstractProxyModel,
+    QAbstractTableModel,
+    QModelIndex,
+    QPersistentModelIndex,
+    Qt,
+)
+from PySide6.QtGui import QGuiApplication, QIcon, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import QAbstractItemView, QTableView
 
 from meshmash_viewer.app import theme
@@ -15,7 +23,7 @@ Index: TypeAlias = QModelIndex | QPersistentModelIndex
 
 
 class Table(QTableView):
-    """Table without grid lines, in which F2 edits the name in the selected row.
+    """Table without grid lines; F2 edits the name in the selected row, Ctrl+C copies rows.
 
     Subclasses return the contents of the cells. Their constructors call ``setModel`` with `rows`,
     or with a proxy model of it, after they have set the attributes that the cells need.
@@ -30,7 +38,7 @@ class Table(QTableView):
         self.rows = _Rows(self)
         theme.named(self, name, spoken, role=role)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
         self.setEditTriggers(QAbstractItemView.EditTrigger.EditKeyPressed)
         self.setShowGrid(False)
         self.setTabKeyNavigation(False)
@@ -81,10 +89,33 @@ class Table(QTableView):
         self.setCurrentIndex(self.rows.index(row, self.names))
         self.edit(self.rows.index(row, self.names))
 
+    def copied(self, rows: Sequence[int]) -> Mapping[str, Sequence[object]]:
+        """Return the columns of some rows by their titles, with unrounded numbers."""
+        raise NotImplementedError
+
+    def copy(self) -> None:
+        """Copy the selected rows, or all rows if none is selected, for a spreadsheet.
+
+        The text has a line of titles, and cells separated by tabs; a missing number is empty.
+        """
+        model, selection = self.model(), self.selectionModel()
+        at = [model.index(row, 0) for row in range(model.rowCount())]
+        at = [index for index in at if selection.isRowSelected(index.row())] or at
+        if isinstance(model, QAbstractProxyModel):
+            at = [model.mapToSource(index) for index in at]
+        columns, text = self.copied([index.row() for index in at]), io.StringIO()
+        writer = csv.writer(text, "excel-tab", lineterminator="\n")
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow("" if value != value else value for value in row)
+        QGuiApplication.clipboard().setText(text.getvalue())
+
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Edit the name in the selected row on F2, in any column."""
+        """Copy rows on Ctrl+C; edit the name in the selected row on F2, in any column."""
         chosen = self.selectionModel().selectedRows()
-        if event.key() == Qt.Key.Key_F2 and chosen and self.names >= 0:
+        if event.matches(QKeySequence.StandardKey.Copy):
+            self.copy()
+        elif event.key() == Qt.Key.Key_F2 and chosen and self.names >= 0:
             self.edit_name(chosen[0].row())
         else:
             super().keyPressEvent(event)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from PySide6.QtCore import QEvent, QItemSelectionModel, QModelIndex, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent, QIcon, QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView
@@ -56,7 +58,6 @@ class LabelTable(Table):
         self._sizes: LabelSizes | None = None
         self._set_name = ""
         self.setModel(self.rows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
         triggers = QAbstractItemView.EditTrigger
         self.setEditTriggers(triggers.EditKeyPressed | triggers.DoubleClicked)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -155,6 +156,18 @@ class LabelTable(Table):
         if column == VERTICES:
             return f"{counts[row]:,}"
         return grouped(areas[row] * 10.0 ** self._area_unit[0]) if counts[row] else "–"
+
+    def copied(self, rows: Sequence[int]) -> dict[str, Sequence[object]]:
+        labels, unit = [self.labels[row] for row in rows], power_unit(self._document.unit, 2)
+        columns: dict[str, Sequence[object]] = {
+            "Number": [label.key for label in labels],
+            "Label": [label.name for label in labels],
+            "Colour": [label.color for label in labels],
+        }
+        if self._sizes is not None:
+            columns["Vertices"] = self._sizes.counts[rows].tolist()
+            columns[f"Area, {unit}" if unit else "Area"] = self._sizes.areas[rows].tolist()
+        return columns
 
     def tip(self, row: int, column: int) -> str:
         label = self.labels[row]

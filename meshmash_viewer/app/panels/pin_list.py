@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent, QIcon
@@ -201,6 +202,23 @@ class PinTable(Table):
         if field is None or len(field.values) != mesh.n_vertices:
             return ""
         return field.value_text(pin.vertex).removesuffix(f"{NO_BREAK}{self._unit}")
+
+    def copied(self, rows: Sequence[int]) -> dict[str, Sequence[object]]:
+        mesh, field, unit = self._document.mesh, self.field, self._document.unit
+        at = [self.pins[row].vertex for row in rows]
+        columns: dict[str, Sequence[object]] = {
+            "Pin": [self.pins[row].number for row in rows],
+            "Name": [self.pins[row].name for row in rows],
+        }
+        if mesh is not None and max(at, default=0) < mesh.n_vertices:
+            columns["Index"] = [mesh.file_index(vertex) for vertex in at]
+            if field is not None and len(field.values) == mesh.n_vertices:
+                numbers = [float(str(value)) for value in field.values[at]]  # float32, short
+                named = [self.cell_text(row, _VALUE) for row in rows]
+                columns[self.titles[_VALUE]] = named if field.labels else numbers
+            for axis, places in zip("xyz", mesh.vertices[at].T.tolist(), strict=True):
+                columns[f"{axis} in {unit}" if unit else axis] = places
+        return columns
 
     def rename(self, row: int, name: str) -> None:
         self.renamed.emit(self.pins[row].vertex, name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt, Signal
 from PySide6.QtGui import QIcon
@@ -105,6 +107,14 @@ class RegionTable(Table):
         if name in ("vertices", "loops", "points"):
             return f"{value:,.0f}"
         return grouped(value * 10.0 ** self._units[name][0], 3)
+
+    def copied(self, rows: Sequence[int]) -> dict[str, Sequence[object]]:
+        columns: dict[str, Sequence[object]] = {}
+        if self.table is not None:
+            for name, values in self.table.columns.items():
+                unit = self.table.unit_of(name)
+                columns[f"{name}, {unit}" if unit else name] = values[rows].tolist()
+        return columns
 
     def sort_key(self, row: int, column: int) -> float:
         assert self.table is not None
