@@ -382,14 +382,17 @@ class MainWindow(ScriptedWindow):
         return taken or super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Move the focus from an input field to the render on Return.
+        """Move the focus from an input field to the render on Return; leave full screen on Escape.
 
-        The window receives Return only if the field has accepted its text.
+        The window receives Return only if the field has accepted its text, and Escape only if
+        there is nothing to cancel.
         """
         field = QApplication.focusWidget()
         if isinstance(field, _FIELDS) and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.activateWindow()  # the field may be in a floating dock
             self.stage.setFocus()
+        elif event.key() == Qt.Key.Key_Escape and self.isFullScreen():
+            self.showNormal()
         else:
             super().keyPressEvent(event)
 

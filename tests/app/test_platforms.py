@@ -133,6 +133,12 @@ def test_the_menu_follows_the_button_of_the_window(
     QTest.keyClick(window, Qt.Key.Key_F11)
     qtbot.waitUntil(lambda: not window.isFullScreen(), timeout=PATIENCE)
     assert not action.isChecked()
+    QTest.keyClick(window, Qt.Key.Key_F11)
+    qtbot.waitUntil(window.isFullScreen, timeout=PATIENCE)
+    window.stage.setFocus()
+    QTest.keyClick(window.stage, Qt.Key.Key_Escape)
+    qtbot.waitUntil(lambda: not window.isFullScreen(), timeout=PATIENCE)
+    assert not action.isChecked()
 
 
 # Files opened from the desktop -----------------------------------------------------------------
