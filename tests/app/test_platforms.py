@@ -101,6 +101,7 @@ def test_nothing_in_the_window_names_keys_of_another_system(
 # Full screen ----------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("qapp")
 def test_full_screen_has_the_key_of_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
     (command,) = (each for each in COMMANDS if each.name == "full_screen")
     standard = QKeySequence.keyBindings(QKeySequence.StandardKey.FullScreen)
