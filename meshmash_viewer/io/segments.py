@@ -213,6 +213,11 @@ def _check_info(place: str) -> None:
             answer.raise_for_status()
     if not isinstance(info, dict):
         raise SegmentFault("belongs to no layer; check the link, whose folder has no file info.")
+    if info.get("@type") in ("neuroglancer_legacy_mesh", "neuroglancer_multilod_draco"):
+        raise SegmentFault(
+            "is in a folder of meshes that is no layer; give the link of the layer whose info names"
+            " this folder as its mesh, or export the mesh as PLY."
+        )
     if not info.get("mesh"):
         raise SegmentFault(
             "belongs to a layer without meshes (its info names no folder of them); take a layer of"

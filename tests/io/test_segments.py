@@ -155,6 +155,10 @@ def test_missing_segment(layers: dict[str, Path], layout: str) -> None:
 @pytest.mark.usefixtures("read_here")
 def test_layer_without_meshes_or_info_or_folder(tmp_path: Path) -> None:
     assert "layer without meshes" in fault_of(source(write_layer(tmp_path / "bare")))
+    for kind in ("neuroglancer_legacy_mesh", "neuroglancer_multilod_draco"):
+        (tmp_path / kind).mkdir()
+        (tmp_path / kind / "info").write_text(json.dumps({"@type": kind}))
+        assert "the layer whose info names this folder" in fault_of(source(tmp_path / kind))
     (tmp_path / "empty").mkdir()
     assert "has no file info" in fault_of(source(tmp_path / "empty"))
     assert "folder does not exist" in fault_of(source(tmp_path / "nowhere"))
