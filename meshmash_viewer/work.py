@@ -83,6 +83,11 @@ def run_child(module: str, function: str, *arguments: str) -> None:
 class ChildEnded(Exception):
     """A child process ended without an answer."""
 
+    def __init__(self, status: int) -> None:
+        super().__init__(f"status {status}")
+        #: Whether the system or another program ended the process, as Linux does without memory.
+        self.killed = status == -9
+
 
 def call_in_child(
     function: Callable[..., Result],
@@ -118,7 +123,7 @@ def call_in_child(
     if child.returncode == _NO_MEMORY:
         raise MemoryError
     if child.returncode:
-        raise ChildEnded(f"status {child.returncode}")
+        raise ChildEnded(child.returncode)
     fault, result = pickle.loads(answered)
     if fault is not None:
         raise fault

@@ -290,7 +290,12 @@ def read_guarded(
         return call_in_child(convert, name, path, limits.memory, look=look, env=environment)
     except MemoryError:
         raise _too_large(limits) from None
-    except ChildEnded:
+    except ChildEnded as fault:
+        if fault.killed:
+            raise InputError(
+                "was not read, because the system ended the process that reads it: the file is"
+                " damaged, or too little memory is free; close other programs and try again"
+            ) from None
         raise InputError("is so damaged that the library that reads it crashes") from None
 
 
