@@ -82,15 +82,15 @@ class RayTarget:
         key = curve_order(points)[faces[:, 0]].astype(np.uint32)
         self._order = np.argsort(key).astype(np.int32)
         ordered = faces[self._order]
-        squared = np.zeros(len(faces), dtype=np.float32)
+        diagonal = np.zeros(len(faces), dtype=np.float32)
         for axis in range(3):
             check_cancelled(cancel)
             corners = points[:, axis][ordered]
             low, high = corners.min(axis=1), corners.max(axis=1)
             self._low[axis] = np.minimum.reduceat(low, starts)
             self._high[axis] = np.maximum.reduceat(high, starts)
-            squared += (high - low) ** 2
-        self._largest = np.sqrt(np.maximum.reduceat(squared, starts))
+            diagonal = np.hypot(diagonal, high - low)  # squares could overflow
+        self._largest = np.maximum.reduceat(diagonal, starts)
         extent = self._high.max(axis=1) - self._low.min(axis=1)
         self._size = float(np.linalg.norm(extent)) or 1.0
         margin = _BOX_MARGIN * float(extent.max())
