@@ -333,10 +333,10 @@ def distance_features(
     else:
         if decomposition is None:
             raise InputError(f"The {measure} distance needs eigenpairs: give a decomposition.")
-        check_eigenpairs("distance_features(mesh, vertices, measure, pairs)", decomposition)
         if measure == "diffusion":
             _check_time(time)
             meta |= {"time": time, "time_unit": power_unit(surface.unit, 2)}
+        check_eigenpairs("distance_features(mesh, vertices, measure, pairs)", decomposition)
         values = _from_pairs(surface, chosen, measure, decomposition, time or 1.0)
         meta["n_eigenpairs"] = len(decomposition.eigenvalues)
         n, weights = np.count_nonzero(surface.referenced), decomposition.eigenvalues

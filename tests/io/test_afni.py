@@ -58,6 +58,12 @@ def test_columns_of_niml(form: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.stack([each.values for each in found], 1), VALUES)
 
 
+def test_names_without_quotes_may_contain_spaces(tmp_path: Path) -> None:
+    path = tmp_path / "lh.height.niml.dset"
+    path.write_bytes(dataset(VALUES, "2*float", names="?;?").replace(b'"?;?"', b"the height; half"))
+    assert [each.name for each in mv.read_maps(path, BALL)] == ["the height", "half"]
+
+
 @pytest.mark.parametrize("form", ["", "binary.lsbfirst"])
 def test_rows_of_some_vertices(form: str, tmp_path: Path) -> None:
     path, rows = tmp_path / "part.niml.dset", np.array([3, 1, 8], dtype=np.int32)

@@ -94,6 +94,9 @@ def _data(content: bytes, start: int, about: dict[str, str]) -> tuple[_Columns, 
             f"is an AFNI dataset with data in the form {printable(form, 30)}: {_REMEDY}"
         )
     end = content.index(b"</", start)
+    if types == ["O"] and n_rows == 1:  # may contain spaces without quotes
+        whole = content[start:end].decode("utf-8", "replace").strip().strip("\"'")
+        return [np.array([whole], object)], end
     words = ["".join(each) for each in _WORD.findall(content[start:end].decode("utf-8", "replace"))]
     if len(words) != n_rows * len(types):
         raise ValueError(f"{n_rows * len(types)} values expected, {len(words)} found")
