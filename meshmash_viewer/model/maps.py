@@ -229,9 +229,10 @@ class Maps:
             for same in new:
                 if np.array_equal(same.values, known.values, equal_nan=True):
                     self._rename_choices(known.name, same.name)
-        for name in self._removed & (names - former):
-            self._removed.discard(name)
-            self.show(name)
+        again = [each.name for each in new if each.name in self._removed]
+        self._removed.difference_update(again)
+        if again:
+            self.show(again[-1])
         self._leave_removed()
 
     def exchange(self, label: str, names: Collection[str], maps: Sequence[VertexMap]) -> None:
