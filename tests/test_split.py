@@ -193,6 +193,7 @@ def test_renumbered_vertices_get_the_same_values(neuron: Mesh, rng: np.random.Ge
     np.testing.assert_array_equal(stitcher.apply(coordinates)[rank][used], neuron.vertices[used])
 
 
+@pytest.mark.slow
 def test_parallel_gives_what_serial_gives(fine_sphere: Mesh) -> None:
     stitcher = MeshStitcher(fine_sphere, n_jobs=2)
     stitcher.split_mesh(800)

@@ -102,6 +102,7 @@ def test_nothing_found_says_so(window: MainWindow) -> None:
     close(dialog)
 
 
+@pytest.mark.slow
 def test_enter_runs_and_what_was_run_comes_first(window: MainWindow, qtbot: QtBot) -> None:
     dialog = palette(window)
     rows(dialog, "night")

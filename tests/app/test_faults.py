@@ -419,6 +419,7 @@ def test_a_bad_session_is_one_sentence_and_changes_nothing(
     shown.stage.message_bar.dismiss()
 
 
+@pytest.mark.slow
 def test_the_good_session_can_be_opened_after_a_bad_one(
     qtbot: QtBot, qapp: QApplication, tmp_path: Path, sphere: Mesh
 ) -> None:

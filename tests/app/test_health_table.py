@@ -86,6 +86,7 @@ def test_debris_within_the_mesh_is_marked_through_it(
     qtbot.waitUntil(lambda: pink_pixels(window) > before + 8, timeout=60_000)
 
 
+@pytest.mark.slow
 def test_a_row_shows_what_it_counts_and_what_its_repair_would_change(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:

@@ -438,6 +438,7 @@ def test_regions_are_measured_looked_at_and_exported(
     # a click moves the camera to the region
     QTest.mouseClick(shown.viewport(), LEFT, pos=shown.visualRect(model.index(1, 0)).center())
     below = expected.mask(1)
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=60_000)
     assert scene.renderer.view.focus[2] < -40.0
     assert below[scene.vertex_at(scene.width() / 2, scene.height() / 2)]
     QTest.mouseDClick(shown.viewport(), LEFT, pos=shown.visualRect(model.index(1, 0)).center())

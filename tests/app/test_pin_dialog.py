@@ -103,6 +103,7 @@ def test_the_index_is_that_of_the_file(qtbot: QtBot) -> None:
         assert says in dialog.fault.text()
 
 
+@pytest.mark.slow
 def test_a_position_pins_the_nearest_vertex_and_goes_there(
     qtbot: QtBot, window: MainWindow
 ) -> None:

@@ -67,6 +67,7 @@ def choose(qtbot: QtBot, plot: QWidget, name: str) -> None:
     qtbot.waitUntil(lambda: not plot.findChildren(QMenu, "plot_menu"), timeout=PATIENCE)
 
 
+@pytest.mark.slow
 def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:

@@ -191,6 +191,7 @@ def test_what_is_refused_can_be_typed_over(
 # -- units -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_change_of_coordinates_is_announced_and_undone(
     qtbot: QtBot, window: MainWindow, open_file: Open
 ) -> None:

@@ -69,6 +69,7 @@ def test_the_seeds_are_sound(fresh: ProcessPoolExecutor, folder: Path) -> None:
     assert [name for name, faces in found.items() if isinstance(faces, str) or faces < 2] == []
 
 
+@pytest.mark.slow
 def test_broken_files_give_a_mesh_or_one_sentence(fresh: ProcessPoolExecutor, folder: Path) -> None:
     tried = fresh.submit(_trials, list(range(250)), folder).result()
     assert not [trial for trial in tried if trial.fault]

@@ -696,7 +696,7 @@ def test_gltf_that_is_none(content: str, tmp_path: Path) -> None:
 
 
 def test_index_out_of_range_in_binary_formats(tmp_path: Path) -> None:
-    np.savez(tmp_path / "far.npz", vertices=VERTICES, faces=FACES + 1)
+    np.savez(tmp_path / "far.npz", vertices=VERTICES, faces=FACES + 2)
     assert "index 6 of 6 vertices" in fault_of(tmp_path / "far.npz")
     np.savez(tmp_path / "negative.npz", vertices=VERTICES, faces=FACES - 1)
     assert "index -1 of 6 vertices" in fault_of(tmp_path / "negative.npz")
