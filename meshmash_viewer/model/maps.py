@@ -330,10 +330,11 @@ class Maps:
 
     def _note_shown(self) -> None:
         """Store the field that was displayed before the displayed map."""
-        shown = self._display.kind, self.displayed
+        name = "" if self._is_missing(self.displayed) else self.displayed
+        shown = self._display.kind, name
         if shown != self._shown:
-            if self.displayed and not self._is_missing(self._shown[1]):
-                self._former[self.displayed] = self._shown
+            if name and not self._is_missing(self._shown[1]):
+                self._former[name] = self._shown
             self._shown = shown
 
     def _leave_removed(self) -> None:

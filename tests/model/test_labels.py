@@ -294,6 +294,17 @@ def test_values_are_shared_and_never_written(two: Document) -> None:
         after.values[0] = 3
 
 
+def test_curvature_is_shown_again_after_a_map_of_a_known_name(document: Document) -> None:
+    """The removed map is still the chosen one, and curvature is shown in its place."""
+    height = VertexMap("height", MESH.vertices[:, 2])
+    document.maps.add(MESH, [height])
+    document.maps.remove("height")
+    document.display.kind = "map"
+    document.maps.add(MESH, [height])
+    document.history.undo()
+    assert document.display.kind == "map"
+
+
 def test_undo_and_redo_show_the_field_that_was_shown(document: Document) -> None:
     """Of every step that adds or removes the displayed map."""
 
