@@ -13,7 +13,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.structures import brain_side
 
 #: Approximate number of vertices to which a view is fitted; 100,000 would take 7 ms.
-SAMPLED = 20_000
+SAMPLED = 50_000
 #: Upward direction in brain coordinates.
 _UP = np.array([0.0, 0.0, 1.0])
 
