@@ -156,7 +156,9 @@ def test_a_first_lasso_compiles_nothing_once_strokes_are_prepared() -> None:
     seen = Projection(points, normals, np.eye(3), np.zeros(3), 0.02, (50.0, 50.0))
     around = np.array([[-9.0, -9.0], [109.0, -9.0], [109.0, 109.0], [-9.0, 109.0]])
     back = ball.vertices[:, 2] < -0.5
+    large = RayTarget(points, ball.faces).larger_faces(0.0)
     for hidden in (None, back):
-        chosen = lasso(ball, seen, around, hidden, False)
-        assert np.array_equal(chosen, seen.facing > 0.0)
+        for faces in (None, large):
+            chosen = lasso(ball, seen, around, hidden, False, faces)
+            assert np.array_equal(chosen, seen.facing > 0.0)
     assert [len(loop.signatures) for loop in (project, in_picture, visible_of)] == known

@@ -168,7 +168,9 @@ class RayTarget:
         All other faces fit into a box with a diagonal of this length.
         """
         chosen = self._faces_in(np.flatnonzero(self._largest > length))
-        return np.asarray(self._faces[chosen], dtype=np.int64)
+        faces = np.asarray(self._faces[chosen], dtype=np.int64)
+        faces.setflags(write=False)  # like those of a mesh, for which loops are compiled
+        return faces
 
     def _faces_in(self, groups: IntArray) -> npt.NDArray[np.int32]:
         """Return the indices of the faces in groups."""
