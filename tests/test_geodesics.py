@@ -9,7 +9,6 @@ import shapes
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.kernels import in_picture, project, visible_of
 from meshmash_viewer.surface.masks import (
-    CELL,
     Geodesics,
     Projection,
     lasso,
@@ -137,13 +136,13 @@ def test_small_faces_may_be_left_out_of_a_lasso() -> None:
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
     normals = both.vertex_normals.astype(np.float32)
     for pixel in (0.02, 0.05, 0.2, 1e-9):
-        large = target.larger_faces(CELL * pixel)
+        large = target.larger_faces(3.0 * pixel)
         left_out = len(both.faces) - len(large)
         kept = {tuple(face) for face in large}
-        assert all(tuple(face) in kept for face in both.faces[longest > CELL * pixel])
+        assert all(tuple(face) in kept for face in both.faces[longest > 3.0 * pixel])
         seen = Projection(points, normals, np.eye(3), np.zeros(3), pixel, (50.0, 50.0))
         around = 50.0 + box(min(0.9 / pixel, 1000.0))
-        found = [lasso(both, seen, around, None, False, faces) for faces in (large, None)]
+        found = [lasso(both, seen, around, None, False, each) for each in (target, None)]
         assert np.array_equal(*found)
         assert left_out == 0 if pixel < 1e-3 else left_out > len(both.faces) // 3
 
@@ -156,9 +155,9 @@ def test_a_first_lasso_compiles_nothing_once_strokes_are_prepared() -> None:
     seen = Projection(points, normals, np.eye(3), np.zeros(3), 0.02, (50.0, 50.0))
     around = np.array([[-9.0, -9.0], [109.0, -9.0], [109.0, 109.0], [-9.0, 109.0]])
     back = ball.vertices[:, 2] < -0.5
-    large = RayTarget(points, ball.faces).larger_faces(0.0)
+    target = RayTarget(points, ball.faces)
     for hidden in (None, back):
-        for faces in (None, large):
-            chosen = lasso(ball, seen, around, hidden, False, faces)
+        for each in (None, target):
+            chosen = lasso(ball, seen, around, hidden, False, each)
             assert np.array_equal(chosen, seen.facing > 0.0)
     assert [len(loop.signatures) for loop in (project, in_picture, visible_of)] == known

@@ -22,7 +22,6 @@ from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.selection import How, combined
 from meshmash_viewer.surface.masks import (
-    CELL,
     Geodesics,
     Mask,
     between,
@@ -344,8 +343,7 @@ class SelectTool(QObject):
             return
         polygon = np.array([self._scene.plotter.to_pixels(at.x(), at.y()) for at in self._line])
         away, picker = self._scene.renderer.away(), self._scene.renderer.picker
-        large = None if picker is None else picker.larger_faces(CELL * projection.pixel)
-        work = partial(lasso, mesh, projection, polygon, away, self.through, large)
+        work = partial(lasso, mesh, projection, polygon, away, self.through, picker)
         noun = "vertex" if self.through else "visible vertex"
         nothing = f"There is no {noun} in the lasso. The selection stays as it is."
         self._run(_Step(work, self._how, "lasso", nothing))

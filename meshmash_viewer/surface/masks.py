@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.rays import curve_order
+from meshmash_viewer.surface.rays import RayTarget, curve_order
 
 #: Whether each vertex is selected, shape (n,).
 Mask: TypeAlias = npt.NDArray[np.bool_]
 #: Side of the cells in which heights are compared, in pixels.
-CELL = 3.0
+_CELL = 3.0
 #: Largest slope of a surface against the screen, within a cell.
 _STEEPEST = 5.0
 
@@ -173,12 +173,12 @@ def visible(
     """Return a mask of chosen vertices that face the eye and that no face covers, shape (n,).
 
     `seen` and `facing` are attributes of a `Projection`. A face is drawn if its three corners are
-    drawn; faces of at most `CELL` pixels may be left out. Heights are compared in cells of three
+    drawn; faces of at most `_CELL` pixels may be left out. Heights are compared in cells of three
     pixels, so that a steep surface does not cover itself.
     """
     from meshmash_viewer.surface.kernels import visible_of
 
-    return np.asarray(visible_of(seen, faces, facing, chosen, drawn, CELL, _STEEPEST))
+    return np.asarray(visible_of(seen, faces, facing, chosen, drawn, _CELL, _STEEPEST))
 
 
 def prepared(mesh: Mesh) -> Geodesics:
@@ -207,18 +207,19 @@ def lasso(
     polygon: FloatArray,
     hidden: Mask | None,
     through: bool,
-    large: IntArray | None = None,
+    target: RayTarget | None = None,
 ) -> Mask:
     """Return a mask of the visible vertices, or all if `through`, in a polygon in pixels.
 
-    Vertices in `hidden` are left out and cover no others. `large`, by default all faces, are the
-    faces that may be longer than `CELL` pixels.
+    Vertices in `hidden` are left out and cover no others. With `target`, the search structure for
+    rays of the same points and faces, only large faces are read.
     """
     drawn = mesh.referenced if hidden is None else mesh.referenced & ~hidden
     chosen = within_polygon(projection.seen, polygon) & drawn
     if through:
         return chosen
-    faces = mesh.faces if large is None else large
+    pixels = _CELL * projection.pixel
+    faces = mesh.faces if target is None else target.larger_faces(pixels)
     return visible(projection.seen, faces, projection.facing, chosen, drawn)
 
 
