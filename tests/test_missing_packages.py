@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lines = ["OFF", f"{ball.n_vertices} {ball.n_faces} 0"]
     lines += [" ".join(map(repr, each)) for each in ball.vertices.tolist()]
     lines += [f"3 {a} {b} {c}" for a, b, c in ball.faces.tolist()]
-    (folder / "ball.off").write_text("\n".join(lines))
+    (folder / "ball.off").write_text("\n".join([*lines, ""]))
     (folder / "ball.gii").write_text(SURFACE)
     (folder / "values.csv").write_text("\n".join(["value", *map(str, range(ball.n_vertices))]))
     return folder

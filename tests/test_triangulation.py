@@ -141,7 +141,7 @@ def test_a_file_with_a_polygon_that_crosses_itself_says_so(polygon: Points, tmp_
     path = tmp_path / "crossed.obj"
     lines = [f"v {x} {y} 0" for x, y in polygon]
     face = " ".join(str(at + 1) for at in range(len(polygon)))
-    path.write_text("\n".join([*lines, f"f {face}"]))
+    path.write_text("\n".join([*lines, f"f {face}", ""]))
     with pytest.warns(MeshWarning, match="crossed.obj has a fault: 1 polygon intersects itself"):
         read_mesh(path)
 

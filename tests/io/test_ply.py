@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.features.sums import Features
+from meshmash_viewer.io.raw import MOST_MAPS
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import write_features
 from meshmash_viewer.mesh import Mesh
@@ -209,7 +211,13 @@ SQUARES = {
 @pytest.mark.parametrize("name", SQUARES)
 def test_a_text_body_is_read_as_its_lines_say(name: str, tmp_path: Path) -> None:
     header, body = SQUARES[name]
-    mesh = read_mesh(write_text(tmp_path / "mesh.ply", header, body))
+    path = write_text(tmp_path / "mesh.ply", header, body)
+    with (
+        nullcontext()
+        if body.endswith(("\n", "\r"))
+        else pytest.warns(MeshWarning, match="a line end")
+    ):
+        mesh = read_mesh(path)
     area = 1.5 if name == "polygon and triangle" else 1.0
     assert (mesh.n_vertices, mesh.area) == (4, pytest.approx(area))
     assert mesh.faces[0].tolist() == [0, 1, 2]
@@ -289,3 +297,24 @@ def test_bytes_after_a_binary_body_are_refused(tmp_path: Path) -> None:
     path.write_bytes(binary_square("<") + b"made by hand")
     with pytest.raises(InputError, match="holds 12 bytes more than its header describes"):
         read_mesh(path)
+
+
+def test_lists_of_vertices_become_maps_or_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.ply"
+    lists = VERTEX + "property list uchar float w\nproperty float h\n" + FACE
+    write_text(path, lists, "0 0 0 2 5 6 1\n1 0 0 2 7 8 2\n1 1 0 2 9 1 3\n0 1 0 2 2 3 4\n" + FACES)
+    found = {each.name: each.values.tolist() for each in read_mesh(path).maps}
+    assert found == {"w 0": [5, 7, 9, 2], "w 1": [6, 8, 1, 3], "h": [1, 2, 3, 4]}
+    write_text(path, lists, "0 0 0 2 5 6 1\n1 0 0 1 7 2\n1 1 0 0 3\n0 1 0 1 2 4\n" + FACES)
+    with pytest.warns(MeshWarning, match="has lists of different lengths 'w', which are left out"):
+        mesh = read_mesh(path)
+    assert [each.name for each in mesh.maps] == ["h"]
+
+
+def test_columns_beyond_the_limit_are_said(tmp_path: Path) -> None:
+    path, count = tmp_path / "mesh.ply", MOST_MAPS + 2
+    header = VERTEX + "".join(f"property float f{at}\n" for at in range(count)) + FACE
+    body = longer(SQUARE, " ".join(map(str, range(count)))) + FACES
+    with pytest.warns(MeshWarning, match=f"has 2 of {count} columns of numbers, which are left"):
+        mesh = read_mesh(write_text(path, header, body))
+    assert len(mesh.maps) == MOST_MAPS

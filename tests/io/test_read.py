@@ -41,7 +41,7 @@ def write_off(path: Path) -> None:
     lines = ["OFF", "# an octahedron", f"{len(VERTICES)} {len(FACES)} 12"]
     lines += [" ".join(map(str, row)) for row in VERTICES]
     lines += ["3 " + " ".join(map(str, row)) + " 255 0 0" for row in FACES]
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join([*lines, ""]))
 
 
 def ply_header(kind: str, n_faces: int = len(FACES)) -> bytes:

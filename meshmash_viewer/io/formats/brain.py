@@ -71,6 +71,12 @@ def freesurfer_label(path: Path) -> RawMesh:
     inside = np.atleast_1d(np.asarray(read(str(path)), dtype=np.int64))
     if not len(inside) or inside.min() < 0:
         raise InputError("names no vertex")
+    with path.open("rb") as file:  # the second line has the number of vertices, which is not read
+        stated = file.read(10_000).split(b"\n")[1].strip()
+    if stated.isdigit() and (count := int(stated)) > len(inside):
+        raise InputError(
+            f"promises {counted(count, 'vertex')} and has {len(inside):,}, so it was cut short"
+        )
     label = Label(1, "", _INSIDE)
     return maps_alone([RawMap("", np.ones(len(inside)), (label,), rows=inside)])
 

@@ -23,7 +23,7 @@ from meshmash_viewer.io.provenance import (
     stated_labels,
     stated_mesh,
 )
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh
+from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_of_columns
 from meshmash_viewer.io.text import (
     Columns,
     CutShort,
@@ -31,6 +31,7 @@ from meshmash_viewer.io.text import (
     Lines,
     NotANumber,
     Property,
+    cut_remark,
     parse_rows,
     read_text,
     rows_of_text,
@@ -40,6 +41,7 @@ from meshmash_viewer.io.text import (
 )
 from meshmash_viewer.triangulation import strip_triangles, triangulate
 from meshmash_viewer.units import counted
+from meshmash_viewer.vertex_map import Label
 
 #: First word of an OFF file with its prefixes; a number may follow without a space.
 _OFF_HEADER = re.compile(rb"\s*((?:ST|C|N|4)*OFF)(?=[\s\d]|$)\s*(BINARY\b)?", re.IGNORECASE)
@@ -52,6 +54,7 @@ def read_off(path: Path) -> RawMesh:
     content.
     """
     data = read_text(path)
+    remarks = cut_remark(data)
     if b"#" in data:
         data = re.sub(rb"#[^\n]*", b"", data)
     header = _OFF_HEADER.match(data)
@@ -96,7 +99,7 @@ def read_off(path: Path) -> RawMesh:
     if not np.array_equal(corners, np.floor(corners)):
         raise InputError("has a face with a vertex index that is no whole number")
     indices = np.clip(corners, -1.0, 2.0**53).astype(np.int64)
-    return RawMesh(vertices, triangulate(vertices, indices, many))
+    return RawMesh(vertices, triangulate(vertices, indices, many), remarks=remarks)
 
 
 # -- OBJ ----------------------------------------------------------------------------------------
@@ -114,6 +117,7 @@ def read_obj(path: Path) -> RawMesh:
     the message names the line.
     """
     text = read_text(path)
+    remarks = cut_remark(text)
     if b"\\" in text:  # a backslash continues a line
         text = re.sub(rb"\\[ \t]*\n", rb" \v", text)
     lines = Lines(_OBJ_NOT_READ.sub(b"", text))
@@ -123,7 +127,7 @@ def read_obj(path: Path) -> RawMesh:
     vertices = _obj_vertices(lines, vertex_lines)
     before = np.searchsorted(vertex_lines, face_lines)
     corners, counts = _obj_faces(lines, face_lines, before, len(vertices))
-    return RawMesh(vertices, triangulate(vertices, corners, counts))
+    return RawMesh(vertices, triangulate(vertices, corners, counts), remarks=remarks)
 
 
 def _obj_vertices(lines: Lines, which: IntArray) -> FloatArray:
@@ -341,20 +345,40 @@ def read_ply(path: Path) -> RawMesh:
     if any(axis is None or isinstance(axis, tuple) for axis in axes):
         raise InputError("has vertices without x, y and z")
     vertices = np.column_stack(axes).astype(np.float64)  # type: ignore[arg-type]
-    names = names_of_properties(meta)
-    labels = stated_labels(meta)
-    maps = [
-        RawMap(names.get(name, name), values, labels * (name in names), keep_unused=True)
-        for name, values in of_vertex.items()
-        if not _NO_MAPS.fullmatch(name) and not isinstance(values, tuple)
-    ]
+    maps, remarks = _ply_maps(of_vertex, names_of_properties(meta), stated_labels(meta))
     faces = [triangulate(vertices, *_ply_corners(each)) for each in columns_of.get("face", [])]
     for each in columns_of.get("tristrips", []):
         faces.append(strip_triangles(*_without_breaks(*_ply_corners(each))))
     triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
     unit, structure = stated_mesh(meta)
-    found = tuple(maps[:MOST_MAPS])
-    return RawMesh(vertices, triangles, unit, found, structure=structure, meta=meta)
+    remarks += cut_remark(data) if is_text else ()
+    return RawMesh(vertices, triangles, unit, maps, remarks, structure, meta)
+
+
+def _ply_maps(
+    of_vertex: Columns, names: dict[str, str], labels: tuple[Label, ...]
+) -> tuple[tuple[RawMap, ...], tuple[str, ...]]:
+    """Return a map per number in each property, and a clause on properties that are left out.
+
+    `names` has the names of maps by property in exports of this program, and `labels` are theirs.
+    """
+    maps: list[RawMap] = []
+    others: list[str] = []
+    for name, values in of_vertex.items():
+        if _NO_MAPS.fullmatch(name):
+            continue
+        if not isinstance(values, tuple):
+            own = labels * (name in names)
+            maps.append(RawMap(names.get(name, name), values, own, keep_unused=True))
+        elif len(set(values[1].tolist())) == 1:
+            rows = values[0].reshape(len(values[1]), -1)
+            maps += maps_of_columns(rows, [f"{name} {at}" for at in range(rows.shape[1])])
+        else:
+            others.append(f"lists of different lengths {printable(name, 60)!r}")
+    if len(maps) > MOST_MAPS:
+        others.append(f"{len(maps) - MOST_MAPS} of {len(maps)} columns of numbers")
+    remark = f"has {', '.join(others)}, which are left out"
+    return tuple(maps[:MOST_MAPS]), (remark,) if others else ()
 
 
 def _text_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -19,7 +20,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_of_columns
-from meshmash_viewer.io.text import unmarked
+from meshmash_viewer.io.text import cut_remark, unmarked
 from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.vertex_map import MOST_LABELS, Label
 
@@ -39,6 +40,7 @@ _FIELD_ARRAY = re.compile(
     rb"(\n)(\S+)(?=[ \t]+\d+[ \t]+\d+[ \t]+(?:bit|float|double"
     rb"|(?:unsigned_)?(?:char|short|int|long)|vtkIdType|vtktypeu?int64)[ \t]*\r?\n)"
 )
+_TEXT_KIND = re.compile(rb"[^\n]*\n[^\n]*\n\s*ASCII", re.IGNORECASE)
 _TABLE_OF_SCALARS = re.compile(rb"\nSCALARS[ \t]+(\S+)[^\n]*\n\s*LOOKUP_TABLE[ \t]+(\S+)")
 _TABLE = re.compile(rb"\nLOOKUP_TABLE[ \t]+(\S+)[ \t]+(\d+)[ \t]*\r?\n")
 
@@ -80,7 +82,10 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     if content is not whole:
         reader.ReadFromInputStringOn()
         reader.SetBinaryInputString(content, len(content))
-    return _from_polydata(_surface(_output(reader, path)), _colors_of_labels(content))
+    raw = _from_polydata(_surface(_output(reader, path)), _colors_of_labels(content))
+    if _TEXT_KIND.match(content):
+        raw = replace(raw, remarks=raw.remarks + cut_remark(content))
+    return raw
 
 
 def _surface(output: Any) -> Any:
@@ -208,7 +213,7 @@ def _labels(values: npt.NDArray[Any], colors: tuple[str, ...]) -> tuple[Label, .
 
 def _colors_of_labels(content: bytes) -> dict[str, tuple[str, ...]]:
     """Return the colour tables in a legacy file by the name of the array that uses the table."""
-    is_text = re.match(rb"[^\n]*\n[^\n]*\n\s*ASCII", content, re.IGNORECASE) is not None
+    is_text = _TEXT_KIND.match(content) is not None
     tables = {}
     for found in _TABLE.finditer(content):
         count = int(found[2]) if len(found[2]) < 6 else 0

@@ -1,0 +1,118 @@
+"""Text files that end within a record: no cut is read as another mesh without a remark."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.io.formats.brain import freesurfer_label
+from meshmash_viewer.io.formats.vtk import read_legacy_vtk
+from meshmash_viewer.io.raw import RawMesh
+from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.mesh import Mesh
+
+VERTICES = "0.25 0.5 10.125\n12.5 0.25 0.75\n1.5 22.75 0.625\n1.125 2.25 13.375\n"
+#: Twelve unused vertices, so that the last index has two digits, of which the first is valid, too.
+MORE = "".join(f"{at}.25 1.5 2.75\n" for at in range(12))
+CORNERS = [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 15)]
+FACES = "".join("3 {} {} {}\n".format(*each) for each in CORNERS)
+PLY = "ply\nformat ascii 1.0\n"
+PLY_VERTEX = "element vertex 16\nproperty float x\nproperty float y\nproperty float z\n"
+PLY_FACE = "element face 4\nproperty list uchar int vertex_indices\n"
+POINTS = VERTICES + MORE
+TEXTS = {
+    "faces_last.obj": "".join(f"v {row}\n" for row in POINTS.splitlines())
+    + "".join("f {} {} {}\n".format(*(corner + 1 for corner in each)) for each in CORNERS),
+    "vertices_last.obj": "".join(
+        "f {} {} {}\n".format(*(corner + 1 for corner in each)) for each in CORNERS
+    )
+    + "".join(f"v {row}\n" for row in POINTS.splitlines()),
+    "faces_last.off": f"OFF\n16 4 0\n{POINTS}{FACES}",
+    "faces_last.ply": f"{PLY}{PLY_VERTEX}{PLY_FACE}end_header\n{POINTS}{FACES}",
+    "vertices_last.ply": f"{PLY}{PLY_FACE}{PLY_VERTEX}end_header\n{FACES}{POINTS}",
+}
+LEGACY = (
+    "# vtk DataFile Version 3.0\na sheet\nASCII\nDATASET POLYDATA\nPOINTS 16 float\n"
+    f"{POINTS}POLYGONS 4 16\n{FACES}"
+)
+
+
+def content(mesh: Mesh | RawMesh) -> tuple[object, object]:
+    return mesh.vertices.tolist(), mesh.faces.tolist()
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_cut_within_the_last_line_is_refused_or_said(name: str, tmp_path: Path) -> None:
+    path, whole = tmp_path / name, TEXTS[name]
+    path.write_text(whole)
+    expected, said = content(read_mesh(path)), 0
+    for length in range(whole.rindex("\n", 0, -1) + 2, len(whole)):
+        path.write_text(whole[:length])
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                found = content(read_mesh(path))
+            except InputError:
+                continue
+        assert found == expected or caught, whole[:length][-12:]
+        said += found != expected
+        if caught:
+            assert f"{path} ends without a line end, so its last line may be cut" in str(
+                caught[0].message
+            )
+    assert said
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", " \n\n"])
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_whole_text_has_no_remark(name: str, end: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(TEXTS[name].replace("\n", end).encode())
+    read_mesh(tmp_path / name)  # a warning would be an error
+
+
+def test_a_cut_within_a_comment_line_of_an_obj_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.obj"
+    path.write_text(TEXTS["faces_last.obj"] + "# group 2 of 1")
+    with pytest.warns(MeshWarning, match="ends without a line end"):
+        read_mesh(path)
+
+
+def test_a_cut_of_a_legacy_vtk_text_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.vtk"
+    path.write_text(LEGACY)
+    whole = read_legacy_vtk(path)
+    assert whole.remarks == ()
+    path.write_text(LEGACY[:-2])
+    cut = read_legacy_vtk(path)
+    assert content(cut) != content(whole)
+    assert len(cut.remarks) == 1
+    assert "ends without a line end" in cut.remarks[0]
+
+
+def test_a_binary_body_needs_no_line_end(tmp_path: Path) -> None:
+    import pyvista
+
+    points = np.array([row.split() for row in POINTS.splitlines()], dtype=np.float32)
+    surface = pyvista.PolyData.from_regular_faces(points, np.array(CORNERS))
+    meshes: list[Any] = []
+    for name in ("mesh.ply", "mesh.vtk"):
+        surface.save(path := tmp_path / name)
+        path.write_bytes(path.read_bytes().rstrip(b"\n"))
+        meshes.append(read_legacy_vtk(path) if name == "mesh.vtk" else read_mesh(path))
+    assert [len(mesh.faces) for mesh in meshes] == [4, 4]
+    assert "line end" not in str(meshes[1].remarks)
+
+
+def test_a_label_with_fewer_vertices_than_it_promises_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "lh.cortex.label"
+    rows = "".join(f"{at} 0 0 0 0.5\n" for at in range(12))
+    path.write_text(f"#!ascii label\n12\n{rows}")
+    assert len(freesurfer_label(path).maps[0].values) == 12
+    path.write_text(f"#!ascii label\n12\n{rows}"[: -len("11 0 0 0 0.5\n")])
+    with pytest.raises(InputError, match="promises 12 vertices and has 11, so it was cut short"):
+        freesurfer_label(path)
