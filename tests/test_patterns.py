@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.cli.batch import expanded
-from meshmash_viewer.cli.parser import window_parser
+from meshmash_viewer.cli.parser import COMMANDS, window_parser
 from meshmash_viewer.errors import InputError
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -27,7 +28,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         lines = [f"v {x} {y} {z}" for x, y, z in CORNERS]
         lines += ["f " + " ".join(map(str, face + 1)) for face in FACES]
-        (tmp_path / name).write_text("\n".join(lines), encoding="utf-8")
+        (tmp_path / name).write_text("\n".join([*lines, ""]), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -110,16 +111,53 @@ def test_a_command_of_one_or_two_meshes_counts_what_matches(
     assert cli.main(["compare", "?.obj", "--count", "4"]) == 0
     assert "a and b" in capsys.readouterr().out
     for arguments, said in (
-        (("reconstruct", "?.obj", "-o", "x.ply"), "takes one mesh, not 2: a.obj, b.obj."),
+        (
+            ("reconstruct", "?.obj", "-o", "x.ply"),
+            "takes one mesh, not 2: a.obj, b.obj; run it once for each",
+        ),
         (
             ("render", "[abcd]*.obj", "-o", "x.png"),
-            "takes one mesh, not 4: a.obj, b.obj, c1.obj, …",
+            "takes one mesh, not 4: a.obj, b.obj, c1.obj, …; run it once for each mesh.",
         ),
-        (("compare", "[abc]*.obj"), "takes two meshes, not 3"),
-        (("compare", "a.obj"), "takes two meshes, not 1"),
+        (
+            ("compare", "[abc]*.obj"),
+            "takes two meshes, not 3: a.obj, b.obj, c1.obj; name two files.",
+        ),
+        (("compare", "a.obj"), "takes two meshes, not 1: a.obj; name two files."),
     ):
         assert cli.main(list(arguments)) == 2
         assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_argument_too_many_is_one_sentence_with_a_remedy(
+    command: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    required = {"movie": ["--turntable"], "points": ["--points", "p.csv"], "predict": ["--model"]}
+    chosen = [*required.get(command, []), *(["m.skops"] if command == "predict" else [])]
+    chosen += ["--labels", "l.csv"] if command in ("regions", "train", "carry") else []
+    chosen += ["--json"] if command == "info" else ["-o", "out.skops"]
+    with contextlib.suppress(SystemExit):  # train also takes meshes after options
+        status = cli.main([command, "a.obj", *chosen, "b.obj"])
+        assert (command, status) == ("train", 2)
+    one_mesh = ("reconstruct", "regions", "points", "render", "gallery", "movie")
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    if command in one_mesh:
+        assert f"{command}: takes one mesh, so b.obj is one argument too many: run it once" in said
+    elif command == "train":
+        assert "There are 2 meshes and 1 --labels" in said
+    else:
+        assert f"{command}: finds b.obj after an option: name all meshes together, before" in said
+
+
+def test_a_mesh_after_an_option_of_the_window(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(["a.obj", "--map", "a.npy", "b.npy"])
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert "finds b.npy after an option" in said
+    assert "repeat an option, such as --map, before each of its values" in said
 
 
 def test_maps_are_patterns_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,8 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from meshmash_viewer.cli.arguments import FAULT
-from meshmash_viewer.cli.options import joined_numbers
-from meshmash_viewer.cli.parser import COMMANDS, parsed_command, window_parser
+from meshmash_viewer.cli.parser import COMMANDS, parsed_command, parsed_window
 from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled
@@ -90,7 +89,7 @@ def _run(arguments: list[str]) -> int:
         if arguments and arguments[0] in COMMANDS:
             run, options = _run_command, parsed_command(arguments)
         else:
-            run, options = _open_window, window_parser().parse_args(joined_numbers(arguments))
+            run, options = _open_window, parsed_window(arguments)
         options.mesh = expanded(linked(options))
         options.map = expanded(getattr(options, "map", ()))
         check_compiler()
@@ -108,7 +107,9 @@ def _run_command(options: Namespace) -> int:
     if options.n_meshes not in (None, len(options.mesh)):
         takes = "one mesh" if options.n_meshes == 1 else "two meshes"
         files = ", ".join(map(str, options.mesh[:3])) + (", …" if len(options.mesh) > 3 else "")
-        raise InputError(f"{options.command} takes {takes}, not {len(options.mesh)}: {files}.")
+        remedy = "run it once for each mesh" if options.n_meshes == 1 else "name two files"
+        said = f"{options.command} takes {takes}, not {len(options.mesh)}: {files}; {remedy}."
+        raise InputError(said)
     module = _MODULES.get(options.command, options.command)
     run = getattr(importlib.import_module(f"meshmash_viewer.cli.{module}"), options.command)
     return int(run(options))

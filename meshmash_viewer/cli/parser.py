@@ -213,11 +213,30 @@ def parsed_command(arguments: list[str]) -> argparse.Namespace:
     """Parse the arguments of a command; meshes of train may also follow its options."""
     parser = command_parser()
     options, others = parser.parse_known_args(joined_numbers(signed(arguments)))
-    if others and (options.command != "train" or any(each.startswith("-") for each in others)):
-        parser.prog += f" {options.command}"
-        parser.error(f"unrecognized arguments: {' '.join(others)}")
+    parser.prog += f" {options.command}"
+    if options.command != "train" or any(each.startswith("-") for each in others):
+        _refuse(parser, others, options.n_meshes)
     options.mesh += map(mesh_argument, others)
     return options
+
+
+def parsed_window(arguments: list[str]) -> argparse.Namespace:
+    """Parse the arguments for the window."""
+    parser = window_parser()
+    options, others = parser.parse_known_args(joined_numbers(arguments))
+    _refuse(parser, others)
+    return options
+
+
+def _refuse(parser: ArgumentParser, others: list[str], n_meshes: int | None = None) -> None:
+    """Exit with an error if there are `others`, the arguments that were not parsed."""
+    if any(each.startswith("-") for each in others):
+        parser.error(f"unrecognized arguments: {' '.join(others)}")
+    if others:
+        many = f"takes one mesh, so {others[0]} is one argument too many: run it once for each mesh"
+        late = f"finds {others[0]} after an option: name all meshes together, before the options"
+        again = "and repeat an option, such as --map, before each of its values"
+        parser.error(f"{many if n_meshes == 1 else late}, {again}")
 
 
 # Groups of options ----------------------------------------------------------------------------
