@@ -44,6 +44,7 @@ TESTS = {
     "fields": "fields/test_families fields/test_maps model/test_live model/test_script",
     "io": "io/test_store io/test_write io/test_read io/test_session model/test_decomposition",
     "io/formats": "io/test_read io/test_ply io/test_off io/test_stl io/test_gltf io/test_vtk_maps",
+    "learn": "test_classes test_smoothing test_cli_classes app/test_classes",
     "model": "model/test_document model/test_document_history model/test_live model/test_pair"
     " app/test_tasks model/test_script",
     "spectral": "test_preview model/test_previews test_eigensolver test_proof",
