@@ -156,9 +156,9 @@ class Field:
         return beyond_limits(limits, self._extremes)
 
     def prepare_colors(self, policy: LimitPolicy | None) -> None:
-        """Compute and cache the limits under a policy; may be called from any thread."""
+        """Compute and cache limits and line spacing; may be called from any thread."""
         self.limits(policy)
-        _ = self.spans_decades, self._extremes
+        _ = self.spans_decades, self._extremes, self.spacing
 
     def colors(self, display: Display) -> tuple[Limits, str | tuple[str, ...]]:
         """Return the colour limits, and the name of the colour map or the colours of labels."""
@@ -251,7 +251,7 @@ class Field:
         """Rounded spacing of contour lines in `unit`; 0 if the field has none."""
         if not self.family.contoured:
             return 0.0
-        largest = float(np.max(self.values, initial=0.0, where=np.isfinite(self.values)))
+        largest = extremes_of(self.values)[1]
         return round_length(largest / _LINES) if largest > 0.0 else 0.0
 
     @property
