@@ -421,7 +421,10 @@ class Session:
             waits = [Awaited(*render) for render in self.renders]
 
             def shown(loop: QEventLoop = loop, waits: list[Awaited] = waits) -> None:
+                nonlocal ended
                 if all(each.shown for each in waits):
+                    # not after the loop, which first handles the events that are waiting
+                    ended = min(ended, time.perf_counter())
                     loop.quit()
 
             for each in waits:
@@ -430,8 +433,9 @@ class Session:
             QTimer.singleShot(5000, loop.quit)  # takes 0.5 ms, so before `started`
             started, worked = time.perf_counter(), time.thread_time()
             self.display.change(family, **{parameter: value})
+            ended = started + 5.0
             loop.exec()
-            took = time.perf_counter() - started
+            took = ended - started
             rendering = self.drawing.seconds - drawn_before
             for each in waits:
                 each.let_go()
