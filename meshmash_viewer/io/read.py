@@ -344,7 +344,7 @@ _REMEDIES = {
     "Python objects": "save it with a type of numbers",
     "decimal comma": "write decimals with a point",
     "no surface": "open the surface that it belongs to, and this file as a map of it",
-    "cannot be unpacked into": "free the disk, or unpack the file yourself",
+    "cannot be unpacked into": "check that folder and its free space, or unpack the file yourself",
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import errno
 import os
 import platform
 import sys
@@ -105,6 +106,24 @@ class Failure:
     correctable: bool = False
 
 
+#: Remedies for exceptions of the operating system, by error number.
+_REMEDIES = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "free the disk, or choose another folder"),
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM, errno.EROFS),
+        "give yourself permission, or choose another folder",
+    ),
+    **dict.fromkeys((errno.ENOENT, errno.ENOTDIR), "check the name and its folder"),
+    **dict.fromkeys((errno.EMFILE, errno.ENFILE), "close other programs or windows"),
+    errno.ENOMEM: "close other programs",
+    errno.EIO: "check the disk and its cable or network, and copy the file elsewhere",
+}
+
+
+def _remedy(fault: OSError) -> str:
+    return _REMEDIES.get(fault.errno or 0, "try again, and check the disk and the network")
+
+
 def failure_of(fault: BaseException, doing: str = "") -> Failure:
     """Describe an exception; `doing` is the failed action, such as "Writing bunny.npz"."""
     while isinstance(fault, EmitLoopError) and fault.__cause__ is not None:
@@ -118,8 +137,8 @@ def failure_of(fault: BaseException, doing: str = "") -> Failure:
         text = "Memory ran out: ask for fewer eigenpairs, or close other programs."
         return Failure(text, details, correctable=True)
     if isinstance(fault, OSError) and fault.strerror:
-        named = f"{fault.filename}: " if fault.filename else ""
-        text = f"{named}{fault.strerror}; free the disk, or choose another folder."
+        named = fault.filename or doing or "The system reports"
+        text = f"{named}: {fault.strerror}; {_remedy(fault)}."
         return Failure(text, details, correctable=True)
     named = f"{type(fault).__name__}: {printable(fault, _WORDS)}".rstrip(": ")
     what = f"{doing} failed by a defect of the program" if doing else "A defect of the program"
