@@ -779,6 +779,24 @@ def test_two_meshes_are_compared(
     order = np.load(out)["features"][:, 0]
     assert np.mean(order == np.arange(mesh.n_vertices)[::-1]) > 0.0
     assert json.loads(str(np.load(out)["meta"]))["options"]["refined"] == {"landmarks": 0}
+    last = mesh.n_vertices - 1
+    pins = [word for at in (0, 30, 77) for word in ("--landmark", at, last - at)]
+    refined = ("compare", ball, turned, "--count", 30, "--refine")
+    assert run(capsys, *refined, *pins, "-o", out)[0] == 0
+    order = np.load(out)["features"][:, 0]
+    assert np.mean(order == np.arange(mesh.n_vertices)[::-1]) > 0.9
+    assert json.loads(str(np.load(out)["meta"]))["options"]["refined"] == {"landmarks": 3}
+    for words, fault in (
+        (("--landmark", 0), "0 is not 2 numbers: write them like 12 40"),
+        (
+            ("--landmark", 0, 10**6),
+            f"There is no vertex 1000000: they are counted from 0 to {last}",
+        ),
+    ):
+        status, said, err = run(capsys, *refined, *words)
+        assert (status, said, fault in err) == (2, "", True)
+    status, said, err = run(capsys, "compare", ball, turned, "--landmark", "0 1")
+    assert (status, "--landmark is used by --refine alone" in err) == (2, True)
     status, said, _ = run(capsys, "compare", ball, squeezed, "--count", 30)
     share = float(re.search(r"spectral distance +\S+ \((\S+) %", said).group(1))
     assert share > 5.0

@@ -138,6 +138,10 @@ def test_a_match_by_features_alone_that_is_poor_says_how_to_improve_it(blob: Mes
     left, right = replace(blob, structure="CortexLeft"), replace(other, structure="CortexRight")
     (remark,) = comparison_remarks(left, right, found=poor)
     assert "pin at least three corresponding places on both meshes, and refine" in remark
+    (remark,) = comparison_remarks(
+        left, right, found=poor, set_landmarks="give --landmark", refine="give --refine"
+    )
+    assert remark.endswith("without landmarks is unreliable: give --landmark, and give --refine.")
     assert comparison_remarks(left, right, found=refined) == []
     assert comparison_remarks(blob, blob, found=compare_shapes(first, first, bank)) == []
 

@@ -152,12 +152,18 @@ def compare(options: Namespace) -> int:
     """Compare two meshes, and write the vertex of the second that matches each of the first."""
     if options.output is not None:
         check_output(options.output, "features")
+    if options.landmark and not options.refine:
+        raise InputError("--landmark is used by --refine alone: give --refine, too.")
     began, target = time.perf_counter(), options.target
     family = next(each for each in FEATURES.values() if each.export == options.kind).exported(
         options.n_components
     )
     read_as = [read(path, options) for path in options.mesh]
     meshes = [prepared(mesh, options) for mesh in read_as]
+    landmarks = [
+        [mesh.vertex_of(vertex) for mesh, vertex in zip(meshes, each, strict=True)]
+        for each in options.landmark
+    ]
     first = solved(meshes[0], options, target)
     # the second mesh is solved up to the same eigenvalue times area
     top = matched_top(first, meshes[1].area)
@@ -166,8 +172,9 @@ def compare(options: Namespace) -> int:
         check_comparable(mesh.name, mesh.n_vertices, pairs.eigenvalues)
     bank, vertices = family.bank(unit_area_spectrum(first)), corresponding_vertices(*meshes)
     found = compare_shapes(
-        first, second, bank, vertices=vertices, refine=options.refine, meshes=(meshes[0], meshes[1])
-    )
+        first, second, bank, vertices=vertices, refine=options.refine, landmarks=landmarks,
+        meshes=(meshes[0], meshes[1]),
+    )  # fmt: skip
     report: dict[str, Any] = {
         "meshes": [mesh.name for mesh in meshes],
         "kind": family.export,
@@ -190,7 +197,12 @@ def compare(options: Namespace) -> int:
             }
             for index in np.flatnonzero(found.functions.determined)
         ],
-        "remarks": comparison_remarks(*meshes, found=found),
+        "remarks": comparison_remarks(
+            *meshes,
+            found=found,
+            set_landmarks="give at least three pairs of corresponding vertices (--landmark)",
+            refine="refine the match by ZoomOut (--refine)",
+        ),
         "output": None if options.output is None else str(options.output),
     }
     if options.output is not None:
@@ -198,7 +210,7 @@ def compare(options: Namespace) -> int:
         whole, made = options.whole_mesh, made_with(options, "match", target, proof)
         made["matched_in"] = family.export
         if found.functional is not None:
-            made["refined"] = {"landmarks": 0}
+            made["refined"] = {"landmarks": len(landmarks)}
         table = found.match_table(meshes[1].name, meshes[1])
         table = table.on_file(meshes[0]) if whole else table
         write_features(options.output, table, read_as[0] if whole else meshes[0], meta=made)

@@ -70,6 +70,10 @@ def _position(text: str) -> tuple[Quantity, ...]:
     return parse_several(text, 3, parse_quantity, '"4200 1800 350" or "4.2, 1.8, 0.35 µm"')
 
 
+def _landmark(text: str) -> tuple[int, ...]:
+    return parse_several(text, 2, whole(), "12 40")
+
+
 def target_type(
     kind: Literal["max_eigenvalue", "wavelength"], power: int
 ) -> Callable[[str], Target | TargetQuantity]:
@@ -119,6 +123,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " vertices with a nonzero value, or a condition ('lh.thickness>0.5', in quotes)"),
     "--map": _takes(Path, "FILE", "file of values per vertex; may be given several times", **_MANY),
     "--labels": _takes(str, "FILE[:MAP]"),
+    "--landmark": _takes(option_type(_landmark), "A B", "with --refine: corresponding vertices of"
+        " the first and the second mesh, counted from 0; may be given several times", **_MANY),
     "--structure": _takes(option_type(named_structure), "NAME", "brain structure in GIFTI files:"
         " left, right, or a name such as CortexLeft; default: that of the mesh file, or of its name"
         " (lh.pial)"),
@@ -209,7 +215,7 @@ OPTIONS |= _switches(
 
 
 #: Options whose value is several numbers, or a number and a unit, which need no quotes.
-_SEVERAL = ("--limits", "--nucleus", "--points-unit", "--size", "--unit", "--voxel")
+_SEVERAL = ("--landmark", "--limits", "--nucleus", "--points-unit", "--size", "--unit", "--voxel")
 #: An argument that is numbers, separators or a unit: "4,", "4x4x40nm", "[4", "nm".
 _PART = re.compile(r"[-\u2212+\d.,'_eE;:xX×*^⁻⁺⁰¹²³⁴-⁹()\[\]{}]*(?P<unit>[^\W\d_]*)[])}]*,?")
 

@@ -132,7 +132,7 @@ def command_parser() -> ArgumentParser:
     add_options(compare, "--n-components", help="number of columns")
     about = "file for the matches, one row for each vertex of the first mesh"
     _add_output(compare, "OUT", about, required=False)
-    add_options(compare, "--refine", "--whole-mesh", "--structure")
+    add_options(compare, "--refine", "--landmark", "--whole-mesh", "--structure")
 
     about = "rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
     rebuilt = command("reconstruct", about)

@@ -238,10 +238,13 @@ def comparison_remarks(
     *,
     n_components: tuple[int, int] | None = None,
     found: Comparison | None = None,
+    set_landmarks: str = "pin at least three corresponding places on both meshes",
+    refine: str = "refine the match by ZoomOut",
 ) -> list[str]:
     """Return warnings about two meshes, and about their comparison `found`.
 
     `n_components` are the numbers of components of the meshes, if they are known already.
+    `set_landmarks` and `refine` are the remedies; the default is those of the window.
     """
     remarks = []
     if first.unit != second.unit:
@@ -259,17 +262,17 @@ def comparison_remarks(
     if sides == {"left", "right"} and (found.functional is None or found.functional.ambiguous):
         remarks.append(
             "the meshes are a left and a right hemisphere, whose folds differ, so a match without"
-            " landmarks is unreliable: pin at least three corresponding places on both meshes, and"
-            " refine the match by ZoomOut."
+            f" landmarks is unreliable: {set_landmarks}, and {refine}."
         )
         return remarks
     if found.functional is not None:
-        return [*remarks, *filter(None, [found.functional.remark])]
+        remark = found.functional.remark.replace("set landmarks", set_landmarks)
+        return [*remarks, remark] if remark else remarks
     n_matched, total = int(found.functions.determined.sum()), len(found.functions.indices)
     if n_matched < _FEW * total:
         remarks.append(
             f"only {n_matched:,} of {counted(total, 'eigenfunction')} can be matched by features"
-            " alone: refine the match by ZoomOut."
+            f" alone: {refine}."
         )
     return remarks
 
