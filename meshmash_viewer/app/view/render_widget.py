@@ -178,7 +178,7 @@ class RenderWidget(QtInteractor):
             self.doneCurrent()
 
     @property
-    def image(self) -> npt.NDArray[np.uint8]:  # type: ignore[override]
+    def image(self) -> npt.NDArray[np.uint8]:
         """Displayed frame, shape (height, width, 3), used by pyvista's `screenshot`."""
         grabbed = self.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
         width, height, stride = grabbed.width(), grabbed.height(), grabbed.bytesPerLine()
