@@ -30,7 +30,7 @@ from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.units import counted, format_quantity, format_range
-from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
+from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use, unused_number
 
 #: Minimum number of labelled vertices of a class.
 _LEAST = 5
@@ -47,10 +47,8 @@ class ClassModel:
     Parameters
     ----------
     classifier : estimator of scikit-learn
-    kind : str
-        "ensemble", "forest" or "logistic".
+    kind : {"ensemble", "forest", "logistic"}
     columns : ClassColumns
-        Columns that the classifier uses.
     classes : tuple of Label
         Classes with colours, in the order of the classifier.
     importance : ndarray, shape (f,)
@@ -64,9 +62,7 @@ class ClassModel:
         of earlier versions), and numbers of vertices and of labelled vertices of each training
         mesh.
     scores : ClassScores, optional
-        Result of the cross-validation; None without one.
-    unscored : str
-        Reason, as a sentence, why there are no scores.
+        Result of the cross-validation; without one, the sentence `unscored` is the reason.
     about : dict
         Additional JSON entries of the card in the file.
 
@@ -138,7 +134,7 @@ class ClassPrediction:
     labels : VertexMap
         Most probable class; no label at vertices without faces.
     probabilities : tuple of VertexMap
-        Probability of each class, in the order of the model; the sum over classes is 1.
+        Probability of each class, in the order of the model.
     uncertainty : VertexMap
         One minus the largest probability. Further labels help most where this is high.
     remarks : tuple of str
@@ -177,6 +173,8 @@ def train_classes(
 ) -> ClassModel:
     """Learn classes from the labels of some vertices of one or several meshes.
 
+    Of more than 20,000 labelled vertices, an evenly drawn subset of 20,000 is used.
+
     Parameters
     ----------
     meshes : MeshLike or sequence of them
@@ -203,10 +201,6 @@ def train_classes(
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
-    Returns
-    -------
-    ClassModel
-
     Raises
     ------
     InputError
@@ -218,10 +212,6 @@ def train_classes(
     -----
     MeshWarning
         For columns that are constant at the labelled vertices.
-
-    Notes
-    -----
-    If there are more than 20,000 labelled vertices, an evenly drawn subset of 20,000 is used.
 
     References
     ----------
@@ -250,9 +240,8 @@ def train_classes(
     if not len(given) == len(sets) == len(known) == len(done) > 0:
         said = f"{counted(len(given), 'mesh')} and {counted(len(sets), 'set')} of labels"
         raise InputError(f"There are {said}: give each mesh its own, and its own results.")
-    sets = [
-        mesh.with_maps(label_map(each)).maps[-1] for mesh, each in zip(given, sets, strict=True)
-    ]
+    of_meshes = zip(given, sets, strict=True)
+    sets = [mesh.with_maps(label_map(each)).maps[-1] for mesh, each in of_meshes]
     classes, places = _classes_of(sets)
     if isinstance(columns, str):
         if known[0] is None:
@@ -266,18 +255,17 @@ def train_classes(
     for mesh, each in zip(given, places, strict=True):
         each[mesh.unreferenced] = -1
     _check_classes(np.concatenate(places), classes)
+    callbacks: Any = {"progress": progress, "cancel": cancel}
     tables = [
-        found if found is not None else columns.compute(mesh, own, progress=progress, cancel=cancel)
+        columns.compute(mesh, own, **callbacks) if found is None else found
         for mesh, own, found in zip(given, known, done, strict=True)
     ]
     names = tuple(each.name for each in classes)
     training = Training(given, places, tables, columns, names, classifier, smoothing, cancel)
     fitted = training.fitted(np.arange(len(training.places)), progress)
-    scores, unscored = training.scores(progress) if scored else (None, "")
-    return ClassModel(
-        fitted, classifier, columns, classes, importance_of(fitted, classifier), smoothing,
-        training.meshes_plain, scores, unscored,
-    )  # fmt: skip
+    scores = training.scores(progress) if scored else (None, "")
+    importance, plain = importance_of(fitted, classifier), training.meshes_plain
+    return ClassModel(fitted, classifier, columns, classes, importance, smoothing, plain, *scores)
 
 
 def predict_classes(
@@ -310,10 +298,6 @@ def predict_classes(
         Whether to warn of the remarks, which are also in `ClassPrediction.remarks`.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
-
-    Returns
-    -------
-    ClassPrediction
 
     Raises
     ------
@@ -359,21 +343,17 @@ def predict_classes(
         known = checked_labels(domains, mesh.n_vertices)
         means = domain_means(np.asarray(given, dtype=np.float64), known, mesh.vertex_areas)
         whole = np.isfinite(means).all(axis=1)  # not the first row, of no domain
+        given = means[whole].astype(given.dtype)
         of_domains = np.full((len(means), len(model.classes)), np.nan)
-        of_domains[whole] = probabilities(
-            model.classifier, means[whole].astype(given.dtype), progress, cancel
-        )
+        of_domains[whole] = probabilities(model.classifier, given, progress, cancel)
         values = of_domains[known + 1]
     keys = np.array([each.key for each in model.classes])
-    none = 0 if 0 not in keys else int(keys.min()) - 1
     best = np.nan_to_num(values, nan=-1.0).argmax(axis=1)
-    labels = np.where(np.isfinite(values[:, 0]), keys[best], none)
+    labels = np.where(np.isfinite(values[:, 0]), keys[best], unused_number(model.classes))
+    named = zip(model.names, values.T, strict=True)
     return ClassPrediction(
         VertexMap("class", labels, model.classes),
-        tuple(
-            VertexMap(f"probability of {name}", column)
-            for name, column in zip(model.names, values.T, strict=True)
-        ),
+        tuple(VertexMap(f"probability of {name}", column) for name, column in named),
         VertexMap("uncertainty", 1.0 - values.max(axis=1)),
         (remark,) if remark else (),
     )

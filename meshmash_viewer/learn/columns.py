@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +43,17 @@ _CURVATURES = ("offset", "distance", "tilt", "agreement", "mean", "gaussian")
 _RESOLVED = {"hks": 5.0, "wks": 15.0, "curvature": 0.0}
 #: Residual of diffusion relative to the right-hand side, and maximum number of steps.
 _TOLERANCE, _STEPS = 1e-5, 3000
+
+
+class Column(NamedTuple):
+    """Name and kind of a column, and its diffusion time in squared unit of the columns.
+
+    The time is 1/λ for an energy of WKS, and l² for a length of curvature.
+    """
+
+    name: str
+    kind: str
+    time: float
 
 
 @dataclass(frozen=True)
@@ -139,33 +150,24 @@ class ClassColumns:
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each column."""
-        return tuple(name for name, _, _ in self._columns)
+        return tuple(each.name for each in self.columns)
 
     @property
-    def kind_of_each(self) -> tuple[str, ...]:
-        """Kind of each column."""
-        return tuple(kind for _, kind, _ in self._columns)
-
-    @property
-    def time_of_each(self) -> FloatArray:
-        """Diffusion time of each column, in squared `unit`: 1/λ for an energy, l² for a length."""
-        return np.array([time for _, _, time in self._columns])
-
-    @property
-    def _columns(self) -> list[tuple[str, str, float]]:
-        """Name, kind and diffusion time of each column."""
-        found: list[tuple[str, str, float]] = []
+    def columns(self) -> list[Column]:
+        """The columns, in the order of `compute`."""
+        found: list[Column] = []
         for kind in self.kinds:
             if kind == "curvature":
                 found += [
-                    (f"{name}_l={length:.3g}", kind, length**2)
-                    for length in self.lengths
+                    Column(f"{name}_l={length:.3g}", kind, length**2)
+                    for length in self.lengths.tolist()
                     for name in _CURVATURES
                 ]
             else:
                 names = self._bank(kind, np.array([0.0, self.max_eigenvalue])).columns
                 times = self.times if kind == "hks" else np.exp(-self._energies)
-                found += [(f"log_{name}", kind, at) for name, at in zip(names, times, strict=True)]
+                each = zip(names, times.tolist(), strict=True)
+                found += [Column(f"log_{name}", kind, time) for name, time in each]
         return found
 
     def limit(self, mesh: Mesh) -> float:
@@ -184,8 +186,7 @@ class ClassColumns:
 
     def unresolved(self, edge: float) -> npt.NDArray[np.bool_]:
         """Return which columns depend on triangles of an edge length in `unit`, shape (f,)."""
-        least = np.array([_RESOLVED[kind] for kind in self.kind_of_each]) * edge**2
-        return np.asarray(self.time_of_each < least)
+        return np.array([time < _RESOLVED[kind] * edge**2 for _, kind, time in self.columns])
 
     def check_unit(self, mesh: Mesh) -> None:
         """Raise `InputError` if these columns cannot be converted to the unit of a mesh."""
@@ -228,11 +229,12 @@ class ClassColumns:
         mesh = as_mesh(mesh)
         check_columns(mesh.n_vertices, len(self.names))
         if pairs is None or not self._reached(mesh, pairs):
-            pairs = solve(
-                *self.matrices(mesh), max_eigenvalue=self.limit(mesh), progress=progress,
-                cancel=cancel,
-            )  # fmt: skip
-        known = self._used(mesh, pairs)
+            callbacks: Any = {"progress": progress, "cancel": cancel}
+            pairs = solve(*self.matrices(mesh), max_eigenvalue=self.limit(mesh), **callbacks)
+        eigenvalues = pairs.exact.eigenvalues * self.scale(mesh) ** 2
+        count = int(np.searchsorted(eigenvalues, self.max_eigenvalue * (1.0 + 1e-9), "right"))
+        assert isinstance(pairs.rows, np.ndarray)
+        known = eigenvalues[:count], pairs.rows[:count]
         parts = []
         for kind in self.kinds:
             check_cancelled(cancel)
@@ -257,14 +259,6 @@ class ClassColumns:
         reach = max(exact.known_to, float(exact.eigenvalues[-1])) if exact.n_components else 0.0
         return reach >= limit or exact.n_components >= n
 
-    def _used(self, mesh: Mesh, pairs: Eigenpairs) -> tuple[FloatArray, Rows]:
-        """Return eigenvalues in the unit of the columns, and rows of the pairs to be used."""
-        exact = pairs.exact
-        eigenvalues = exact.eigenvalues * self.scale(mesh) ** 2
-        count = int(np.searchsorted(eigenvalues, self.max_eigenvalue * (1.0 + 1e-9), "right"))
-        assert isinstance(exact.rows, np.ndarray)
-        return eigenvalues[:count], exact.rows[:count]
-
     @property
     def _energies(self) -> FloatArray:
         """Logarithms of the eigenvalues at the middle of each band."""
@@ -274,9 +268,8 @@ class ClassColumns:
         if kind == "hks":
             return heat_kernel_bank(self.times)
         energies = self._energies
-        spacing = energies[-1] - energies[0]
-        spacing = spacing / (self.n_times - 1) if self.n_times > 1 else 1.0
-        return wave_kernel_bank(eigenvalues, energies=energies, sigma=_WIDTH * abs(spacing))
+        spacing = abs(energies[1] - energies[0]) if self.n_times > 1 else 1.0
+        return wave_kernel_bank(eigenvalues, energies=energies, sigma=_WIDTH * spacing)
 
     def _logarithms(self, kind: str, mesh: Mesh, eigenvalues: FloatArray, rows: Rows) -> FloatArray:
         """Compute logarithms of HKS, or of WKS relative to its mean on the surface.
@@ -310,8 +303,9 @@ class ClassColumns:
         length.
         """
         scale = self.scale(mesh)
-        places = mesh.on_surface(mesh.vertices - _centroid(mesh)) / scale
-        side = _outwards(mesh)
+        places = mesh.vertices - np.average(mesh.vertices, axis=0, weights=mesh.vertex_areas)
+        side = -1.0 if np.linalg.det(places[mesh.faces]).sum() < 0.0 else 1.0  # to point outwards
+        places = mesh.on_surface(places) / scale
         normals = mesh.vertex_normals.astype(np.float64) * side
         bends = [mean_curvature(mesh) * side * scale, gaussian_curvature(mesh) * scale**2]
         known = np.isfinite(bends[0])[:, None]  # curvature is NaN on the boundary
@@ -352,16 +346,6 @@ class ClassColumns:
         """Create columns from the result of `plain`."""
         operator = OperatorOptions(**entries["operator"])
         return cls(**{**entries, "operator": operator})
-
-
-def _centroid(mesh: Mesh) -> FloatArray:
-    return np.asarray(np.average(mesh.vertices, axis=0, weights=mesh.vertex_areas))
-
-
-def _outwards(mesh: Mesh) -> float:
-    """Return 1, or -1 if the normals point inwards, by the sign of the enclosed volume."""
-    corners = (mesh.vertices - _centroid(mesh))[mesh.faces]
-    return -1.0 if np.linalg.det(corners).sum() < 0.0 else 1.0
 
 
 def diffused(

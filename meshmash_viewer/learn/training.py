@@ -94,57 +94,58 @@ class ClassScores:
         return cls(names, confusion, str(entries["left_out"]), int(entries["folds"]))
 
 
+@dataclass(eq=False)
 class Training:
     """Labelled vertices of all meshes, with their columns.
 
-    `places` is the class index of each vertex of each mesh, -1 for none.
+    `known` is the class index of each vertex of each mesh, -1 for none.
     """
 
-    def __init__(
-        self,
-        meshes: list[Mesh],
-        places: list[IntArray],
-        tables: list[Features],
-        columns: ClassColumns,
-        names: tuple[str, ...],
-        kind: str,
-        smoothing: float,
-        cancel: CancelCallback | None,
-    ) -> None:
-        self.meshes, self.tables, self.columns, self.kind = meshes, tables, columns, kind
-        self.smoothing, self.cancel, self.names = smoothing, cancel, names
-        #: The meshes as JSON values.
-        self.meshes_plain = tuple(
+    meshes: list[Mesh]
+    known: list[IntArray]
+    tables: list[Features]
+    columns: ClassColumns
+    names: tuple[str, ...]
+    kind: str
+    smoothing: float
+    cancel: CancelCallback | None
+
+    def __post_init__(self) -> None:
+        starts, known = np.cumsum([0, *map(len, self.known)]), np.concatenate(self.known)
+        rows = np.flatnonzero(known >= 0)  # indices among the vertices of all meshes
+        if len(rows) > _MOST:
+            rows = rows[_drawn(known[rows], len(self.names))]
+        self.of_mesh = np.searchsorted(starts, rows, side="right") - 1
+        self.vertex = rows - starts[self.of_mesh]
+        self.places = known[rows]
+        # a stroke is a connected part of a class
+        own = zip(self.meshes, starts[:-1], strict=True)
+        tails = np.concatenate([mesh.faces + at for mesh, at in own])
+        tips = np.roll(tails, -1, axis=1)
+        same = known[tails] == known[tips]
+        self.stroke = connected(tails[same], tips[same], len(known))[rows]
+        areas = [mesh.vertex_areas / self.columns.scale(mesh) ** 2 for mesh in self.meshes]
+        self.areas = np.concatenate(areas)[rows]
+        self.values = np.concatenate(
+            [table.values[self.vertex[self.of_mesh == i]] for i, table in enumerate(self.tables)]
+        )
+        _check_columns(self.values, self.tables[0].columns, of_mesh(self.meshes[0].name))
+
+    @property
+    def meshes_plain(self) -> tuple[dict[str, Any], ...]:
+        """The meshes as JSON values, see `ClassModel`."""
+        return tuple(
             {
                 "name": mesh.name,
                 "hash": mesh.content_hash,
                 "unit": mesh.unit,
                 "n_vertices": mesh.n_vertices,
                 "n_left_out": len(mesh.unreferenced),
-                "median_edge": columns.edge(mesh),
-                "n_labelled": int(np.count_nonzero(each >= 0)),
+                "median_edge": self.columns.edge(mesh),
+                "n_labelled": int(np.count_nonzero(known >= 0)),
             }
-            for mesh, each in zip(meshes, places, strict=True)
+            for mesh, known in zip(self.meshes, self.known, strict=True)
         )
-        starts = np.cumsum([0, *map(len, places)])
-        known = np.concatenate(places)
-        rows = np.flatnonzero(known >= 0)  # indices among the vertices of all meshes
-        if len(rows) > _MOST:
-            rows = rows[_drawn(known[rows], len(names))]
-        self.of_mesh = np.searchsorted(starts, rows, side="right") - 1
-        self.vertex = rows - starts[self.of_mesh]
-        self.places = known[rows]
-        # a stroke is a connected part of a class
-        tails = np.concatenate([mesh.faces + at for mesh, at in zip(meshes, starts, strict=False)])
-        tips = np.roll(tails, -1, axis=1)
-        same = known[tails] == known[tips]
-        self.stroke = connected(tails[same], tips[same], len(known))[rows]
-        areas = [mesh.vertex_areas / columns.scale(mesh) ** 2 for mesh in meshes]
-        self.areas = np.concatenate(areas)[rows]
-        self.values = np.concatenate(
-            [table.values[self.vertex[self.of_mesh == i]] for i, table in enumerate(tables)]
-        )
-        _check_columns(self.values, tables[0].columns, of_mesh(meshes[0].name))
 
     def fitted(
         self, some: IntArray, progress: ProgressCallback | None = None, n_trees: int = _TREES
@@ -168,19 +169,14 @@ class Training:
         return mean
 
     def _forest(
-        self,
-        values: npt.NDArray[Any],
-        places: IntArray,
-        progress: ProgressCallback | None,
-        n_trees: int,
+        self, values: FloatArray, places: IntArray, progress: ProgressCallback | None, n_trees: int
     ) -> Any:
         from sklearn.ensemble import ExtraTreesClassifier
 
         forest = ExtraTreesClassifier(
             min_samples_leaf=2, random_state=0, n_jobs=-1, warm_start=True
         )
-        step = max(_AT_ONCE // len(places), 1)
-        for part in blocks(n_trees, step):
+        for part in blocks(n_trees, max(_AT_ONCE // len(places), 1)):
             check_cancelled(self.cancel)
             if progress is not None:
                 progress(Progress("training", part.start / n_trees, message="Training"))

@@ -168,9 +168,9 @@ class ClassesJob:
         numbers = (*(found.probabilities if few else ()), found.uncertainty)
         smaller = (replace(each, values=each.values.astype(np.float32)) for each in numbers)
         said = _described(model) if scored else "Press Classify for scores."
+        names, kinds, times = zip(*columns.columns, strict=True)
         learned = Learned(
-            " ".join([said, *heard]), self.labels.name, columns.unit, columns.names,
-            columns.kind_of_each, tuple(columns.time_of_each.tolist()),
+            " ".join([said, *heard]), self.labels.name, columns.unit, names, kinds, times,
             tuple(model.importance.tolist()),
         )  # fmt: skip
         return Classified((found.labels, *smaller), learned)
@@ -208,13 +208,12 @@ class Classes:
         self._opened, self._maps, self._labels = opened, maps, labels
         self._work, self._notices = work, notices
         self._options, self._live = ClassOptions(), False
-        #: By predicted set: its scores, and the label set and options of the training.
-        self._known: WeakKeyDictionary[VertexMap, Learned] = WeakKeyDictionary()
-        self._sources: WeakKeyDictionary[VertexMap, _Source] = WeakKeyDictionary()
+        #: By predicted set: its scores, and the source of its training; None if that is not known.
+        self._known: WeakKeyDictionary[VertexMap, tuple[Learned, _Source | None]]
+        self._known = WeakKeyDictionary()
         #: Scores read from a session before the predicted maps are restored, and whether they were
         #: out of date.
-        self._awaiting: Learned | None = None
-        self._saved_outdated = False
+        self._awaiting: tuple[Learned, bool] | None = None
         #: Labels and options of the last request.
         self._requested: _Source | None = None
         #: Label set for which training failed, and the reason.
@@ -256,9 +255,9 @@ class Classes:
             return f"{known.name} is the prediction: choose the label set to learn from."
         if spectrum is None or not spectrum.complete:
             return "Classes are learned from eigenpairs: compute them in the Mesh panel first."
-        return (
-            "" if self._options.kinds else "No features are chosen: choose HKS, WKS or curvature."
-        )
+        if not self._options.kinds:
+            return "No features are chosen: choose HKS, WKS or curvature."
+        return ""
 
     @property
     def said(self) -> str:
@@ -275,13 +274,18 @@ class Classes:
         known, predicted = self._labels.current, self._labels.predicted
         if predicted is None or known is predicted:
             return False
-        return self._sources.get(predicted) != (known, self._options)
+        return self._last[1] != (known, self._options)
 
     @property
     def learned(self) -> Learned | None:
         """Scores of the prediction; None without a prediction."""
+        return self._last[0]
+
+    @property
+    def _last(self) -> tuple[Learned | None, _Source | None]:
+        """Scores of the last prediction, and the source of its training; None if unknown."""
         predicted = self._labels.predicted
-        return None if predicted is None else self._known.get(predicted)
+        return (None, None) if predicted is None else self._known.get(predicted, (None, None))
 
     def plain(self) -> dict[str, Any]:
         """Return options and scores as values for JSON."""
@@ -293,8 +297,8 @@ class Classes:
         """Restore a result of `read_saved_classes`; missing entries get their defaults."""
         given = {name: saved[name] for name in ClassOptions.declared() if name in saved}
         self._options, self._live = ClassOptions(**given), saved.get("live", False)
-        self._awaiting, self._refused = saved.get("learned"), None
-        self._saved_outdated = saved.get("outdated", False)
+        learned, self._refused = saved.get("learned"), None
+        self._awaiting = None if learned is None else (learned, saved.get("outdated", False))
         self.changed.emit()
 
     def forget(self) -> None:
@@ -325,8 +329,7 @@ class Classes:
             self._maps.exchange("" if job.live else "classes", own, result.maps)
             predicted = self._labels.predicted
             assert predicted is not None
-            self._known[predicted] = result.learned
-            self._sources[predicted] = job.labels, job.options
+            self._known[predicted] = result.learned, (job.labels, job.options)
             if not job.live and displayed not in self._own:
                 self._maps.show(predicted.name)
         else:
@@ -347,25 +350,22 @@ class Classes:
     def _follow(self) -> None:
         """Request a live prediction, once for each change of labels or options."""
         self._recall()
-        known = self._labels.current
-        restoring = self._awaiting is not None
-        if not self._live or known is None or restoring:
-            return
-        if self._labels.predicted is not None and not self.outdated:
+        known, predicted = self._labels.current, self._labels.predicted
+        up_to_date = predicted is not None and not self.outdated
+        if not self._live or known is None or self._awaiting is not None or up_to_date:
             return
         if self._requested != (known, self._options) and not self.missing:
             self._request(live=True)
 
     def _recall(self) -> None:
         """Assign the scores of a session to the prediction, once its maps are restored."""
-        learned, predicted = self._awaiting, self._labels.predicted
-        if learned is not None and predicted is not None:
-            self._known[predicted] = learned
-            for each in self._labels.sets:
-                if each.name == learned.labels:
-                    self._awaiting = None
-                    if not self._saved_outdated:
-                        self._sources[predicted] = each, self._options
+        predicted = self._labels.predicted
+        if self._awaiting is not None and predicted is not None:
+            learned, outdated = self._awaiting
+            sources = [(each, self._options) for each in self._labels.sets
+                       if each.name == learned.labels]  # fmt: skip
+            self._known[predicted] = learned, sources[0] if sources and not outdated else None
+            self._awaiting = None if sources else self._awaiting
             self.changed.emit()
 
     def _request(self, *, live: bool) -> None:
