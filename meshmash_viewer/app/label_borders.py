@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 #: Mesh, labels, hidden vertices, and whether borders and graph are requested.
 _Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None, bool, bool]
+#: Marks by the name of their layer in the render.
 _Found: TypeAlias = dict[str, Marks | None]
-#: Names of the layers of marks in the render.
-_DRAWN = ("borders", "graph")
+_NOTHING: _Found = {"borders": None, "graph": None}
 
 
 class LabelBorders(QObject):
@@ -56,7 +56,7 @@ class LabelBorders(QObject):
         mesh, known = document.mesh, document.labels.current
         if mesh is None or known is None or not (display.label_borders or display.label_graph):
             self._drawn = None
-            self._mark({})
+            self._mark(_NOTHING)
             return
         asked = mesh, known, document.hidden, display.label_borders, display.label_graph
         if self._drawn is None or not all(map(is_, self._drawn[1:], asked[1:])):
@@ -64,8 +64,8 @@ class LabelBorders(QObject):
             self._thread.ask(asked)
 
     def _mark(self, found: _Found) -> None:
-        for name in _DRAWN:
-            self._scene.set_marks(found.get(name), name)
+        for name, marks in found.items():
+            self._scene.set_marks(marks, name)
 
     @property
     def idle(self) -> bool:
@@ -76,18 +76,17 @@ class LabelBorders(QObject):
         """Wait until the thread has ended."""
         self._thread.close()
 
-    def _take(self, asked: _Asked, found: _Found | Exception | None) -> None:
+    def _take(self, asked: _Asked, found: _Found | Exception) -> None:
         if isinstance(found, Exception):
             raise found
         if asked is self._drawn and self._scene.mesh is not None:
-            self._mark(found or {})
+            self._mark(found)
 
 
 def _found(asked: _Asked, _cancel: CancelCallback) -> _Found:
     mesh, known, hidden, borders, graph = asked
     faces = mesh.faces if hidden is None else mesh.faces[~hidden[mesh.faces].any(axis=1)]
-    values = np.nan_to_num(known.shown, nan=-1.0)
-    found: _Found = {}
+    values, found = np.nan_to_num(known.shown, nan=-1.0), _NOTHING.copy()
     if borders and len(edges := border_edges(faces, values)):
         found["borders"] = Marks(edges, BORDERS)
     if graph and len(edges := region_graph(mesh.vertices, faces, values)):

@@ -305,7 +305,7 @@ class MainWindow(ScriptedWindow):
         self.profile_panel.table.set_field(field)
         self.shape_source.set_field(field)
         self.shape_panel.set_field(field)
-        self.label_panel.set_field(field)
+        self.label_panel.field = field
         if field is not None:
             self.spectrum_panel.follow_field()
         signed = None if field is None else field.signed

@@ -18,7 +18,6 @@ from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.plots.panel import PlotSaver
 from meshmash_viewer.app.plots.plot import Plot, Series, color, solid
-from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.learn import CLASSIFIERS, KINDS
 from meshmash_viewer.model.classes import ClassesJob, Learned
 from meshmash_viewer.model.document import Document
@@ -55,12 +54,11 @@ class ClassSection(QWidget):
         classes = document.classes
         self.kinds = {
             kind: make.check(
-                text, f"class_{kind}_check", f"Learn from {text}", tip=KINDS[kind].capitalize()
+                text, f"class_{kind}_check", f"Learn from {text}", self._choose_kinds,
+                tip=KINDS[kind].capitalize(),
             )
             for kind, (text, *_) in _KINDS.items()
-        }
-        for each in self.kinds.values():
-            each.clicked.connect(self._choose_kinds)
+        }  # fmt: skip
         self.classifier_combo = make.combo(
             "class_classifier_combo", "Classifier", lambda key: self._choose(classifier=key),
             _CLASSIFIERS,
@@ -172,15 +170,14 @@ class ImportancePlot(Plot):
         self.dress()
         self.show_all()
 
-    def _sums(self) -> dict[str, tuple[FloatArray, FloatArray]]:
+    def _sums(self) -> dict[str, tuple[list[float], list[float]]]:
         """Return the times of each kind of columns, and the sums of importance at each time."""
-        learned, found = self._learned, dict[str, tuple[FloatArray, FloatArray]]()
-        for kind in dict.fromkeys(learned.kinds):
-            own = np.array(learned.kinds) == kind
-            times, at = np.unique(np.array(learned.times)[own], return_inverse=True)
-            sums = np.bincount(at, np.array(learned.importance)[own])
-            found[kind] = times, sums.astype(np.float64)
-        return found
+        learned = self._learned
+        sums: dict[str, dict[float, float]] = {kind: {} for kind in learned.kinds}
+        columns = zip(learned.kinds, learned.times, learned.importance, strict=True)
+        for kind, time, share in sorted(columns):
+            sums[kind][time] = sums[kind].get(time, 0.0) + share
+        return {kind: (list(own), list(own.values())) for kind, own in sums.items()}
 
     def numbers(self) -> list[Series]:
         """Return the curves and the importance of each column as series."""

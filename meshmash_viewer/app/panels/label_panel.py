@@ -51,7 +51,8 @@ class LabelPanel(QWidget):
         theme.named(self, "label_panel", "Labels")
         #: The render; None until it is loaded.
         self.scene: MeshView | None = None
-        self._field: Field | None = None
+        #: The displayed field, whose means are measured in regions.
+        self.field: Field | None = None
         self._document = document
         self._measured: _Measured | None = None
         self._thread: LatestThread[_Measured] = LatestThread(
@@ -71,61 +72,45 @@ class LabelPanel(QWidget):
     def _build(self) -> None:
         labels = self._document.labels
         self.table = table = LabelTable(self._document)
+        self._buttons = {
+            name: make.button(text, f"{name}_button", spoken, act, role=role, tip=tip)
+            for name, text, spoken, act, role, tip in (
+                ("label_new_set", "New set", "New label set", labels.new_set, "segment", ""),
+                ("label_open", "Open…", "Add label sets from files", self._open, "segment",
+                 "GIFTI and FreeSurfer labels, tables, NPZ and others"),
+                ("label_save", "Save…", "Save the label set in a file", self._save, "segment", ""),
+                ("label_remove_set", "Remove", "Remove the label set from the mesh",
+                 labels.remove_set, "segment", "Its file stays, and undo brings the set back"),
+                ("label_new", "New label", "New label in the set", labels.new_label, "", ""),
+                ("label_join", "Join", "Join the chosen labels", lambda: labels.join(table.chosen),
+                 "", "The first of the chosen labels gets the vertices of the others"),
+                ("label_delete", "Delete", "Delete the chosen labels",
+                 lambda: labels.delete(table.chosen), "", "Their vertices will have no label"),
+                ("label_assign", "Assign", "Assign the selection to the chosen label",
+                 lambda: labels.assign(table.chosen[0]), "",
+                 "The selected vertices get the chosen label; so do keys 1 to 9"),
+                ("label_clear", "Clear", "Remove the labels of the selected vertices",
+                 lambda: labels.assign(None), "", ""),
+                ("label_select", "Select", "Select the vertices of the chosen labels",
+                 lambda: labels.select(table.chosen), "", ""),
+                ("region_measure", "Measure", "Measure the regions of the labels", self._measure,
+                 "", "Area, volume, extent and neck of each connected part, and the displayed"
+                 " field"),
+                ("region_export", "Export…", "Export the table of regions", self._export, "", ""),
+            )
+        }  # fmt: skip
         table.color_requested.connect(self._ask_for_color)
         table.menu_requested.connect(self._show_menu)
         table.selectionModel().selectionChanged.connect(lambda: later(self._refresh_buttons))
         self.combo = make.combo(
             "label_set_combo", "Label set", lambda row: labels.choose(self.combo.itemText(row))
         )
-        self.new_set_button = make.button(
-            "New set", "label_new_set_button", "New label set", labels.new_set, role="segment"
-        )
-        self.open_button = make.button(
-            "Open…", "label_open_button", "Add label sets from files", self._open, role="segment",
-            tip="GIFTI and FreeSurfer labels, tables, NPZ and others",
-        )  # fmt: skip
-        self.save_button = make.button(
-            "Save…", "label_save_button", "Save the label set in a file", self._save, role="segment"
-        )
-        self.remove_button = make.button(
-            "Remove", "label_remove_set_button", "Remove the label set from the mesh",
-            labels.remove_set, role="segment", tip="Its file stays, and undo brings the set back",
-        )  # fmt: skip
-        self.new_button = make.button(
-            "New label", "label_new_button", "New label in the set", labels.new_label
-        )
-        self.join_button = make.button(
-            "Join", "label_join_button", "Join the chosen labels",
-            lambda: labels.join(table.chosen),
-            tip="The first of the chosen labels gets the vertices of the others",
-        )  # fmt: skip
-        self.delete_button = make.button(
-            "Delete", "label_delete_button", "Delete the chosen labels",
-            lambda: labels.delete(table.chosen), tip="Their vertices will have no label",
-        )  # fmt: skip
-        self.give_button = make.button(
-            "Assign", "label_assign_button", "Assign the selection to the chosen label",
-            lambda: labels.assign(table.chosen[0]),
-            tip="The selected vertices get the chosen label; so do keys 1 to 9",
-        )  # fmt: skip
-        self.clear_button = make.button(
-            "Clear", "label_clear_button", "Remove the labels of the selected vertices",
-            lambda: labels.assign(None),
-        )  # fmt: skip
-        self.select_button = make.button(
-            "Select", "label_select_button", "Select the vertices of the chosen labels",
-            lambda: labels.select(table.chosen),
-        )  # fmt: skip
         self.borders_check = make.check(
             "Borders over every field", "label_borders_check", "Draw the borders between labels",
             lambda on: setattr(self._document.display, "label_borders", on),
         )  # fmt: skip
         self.classes = ClassSection(self._document)
         self.hint = note("label_hint")
-        self.measure_button = make.button(
-            "Measure", "region_measure_button", "Measure the regions of the labels", self._measure,
-            tip="Area, volume, extent and neck of each connected part, and the displayed field",
-        )  # fmt: skip
         self.lambda_check = make.check(
             "with λ₂", "region_lambda_check", "Compute the first eigenvalue of each region, too",
             tip="The first eigenvalue above zero with a free border; takes longest",
@@ -135,34 +120,33 @@ class LabelPanel(QWidget):
             self.lambda_check.setDisabled,
             tip="One row for each label, without neck and λ₂, which only connected parts have",
         )  # fmt: skip
-        self.export_button = make.button(
-            "Export…", "region_export_button", "Export the table of regions", self._export
-        )
         self.regions = RegionTable()
         self.regions.region_clicked.connect(self._fly_to)
-        self.regions.region_activated.connect(self._isolate)
+        self.regions.region_activated.connect(self._document.hiding.isolate)
         self.region_hint = note("region_hint")
+        new_set, *files, new, join, delete, assign, clear, select, measure, export = (
+            self._buttons.values()
+        )
         self._of_set = make.holder(
             column(
                 self.table,
-                row(self.new_button, self.join_button, self.delete_button, None),
-                row(self.give_button, self.clear_button, self.select_button, None),
+                row(new, join, delete, None),
+                row(assign, clear, select, None),
                 self.borders_check,
                 make.line(),
                 self.classes,
                 make.line(),
                 make.heading("Regions"),
                 row(self.whole_check, self.lambda_check, None),
-                row(self.measure_button, self.export_button, None),
+                row(measure, export, None),
                 self.region_hint,
                 self.regions,
             )
         )
         self.points = PointSection(self._document)
         self.combo.setPlaceholderText("No label set")
-        sets = row((self.combo,), self.new_set_button)
-        files = row(self.open_button, self.save_button, self.remove_button, None)
-        parts = sets, files, self.hint, self._of_set, make.line(), self.points, None
+        rows = row((self.combo,), new_set), row(*files, None)
+        parts = *rows, self.hint, self._of_set, make.line(), self.points, None
         area = make.scroll(make.holder(column(*parts, margins=PANEL)))
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setLayout(column(area))
@@ -177,9 +161,8 @@ class LabelPanel(QWidget):
         save_labels(self, self._document, self.write_requested.emit, self.table.chosen)
 
     def _measure(self) -> None:
-        field = self._field
-        shown = field is not None and not field.labels and not field.draft
-        maps = (field.as_map(),) if field is not None and shown else ()
+        field = self.field
+        maps = () if field is None or field.labels or field.draft else (field.as_map(),)
         self._document.labels.measure_regions(
             maps, lambda2=self.lambda_check.isChecked(), whole=self.whole_check.isChecked()
         )
@@ -192,16 +175,10 @@ class LabelPanel(QWidget):
             if path is not None:
                 self.write_requested.emit(path, partial(write_regions, path, table), "Regions")
 
-    def _fly_to(self, row: int) -> None:
+    def _fly_to(self, region: Mask) -> None:
         """Move the camera to a region."""
-        table, scene = self._document.labels.regions, self.scene
-        if table is not None and scene is not None:
-            scene.look_at(np.flatnonzero(table.mask(row)))
-
-    def _isolate(self, row: int) -> None:
-        table = self._document.labels.regions
-        if table is not None:
-            self._document.hiding.isolate(table.mask(row))
+        if self.scene is not None:
+            self.scene.look_at(np.flatnonzero(region))
 
     def _ask_for_color(self, key: int) -> None:
         label = next(each for each in self.table.labels if each.key == key)
@@ -253,11 +230,10 @@ class LabelPanel(QWidget):
                 self.combo.clear()
                 self.combo.addItems(names)
             self.combo.setCurrentIndex(-1 if known is None else names.index(known.name))
-        for control in (self.combo, self.save_button, self.remove_button):
-            control.setEnabled(known is not None)
+        self.combo.setEnabled(known is not None)
         self._of_set.setVisible(known is not None)
-        for button in (self.new_set_button, self.open_button):
-            button.setEnabled(mesh is not None)
+        self._enable(mesh is not None, "label_new_set", "label_open")
+        self._enable(known is not None, "label_save", "label_remove_set")
         self.table.show_labels(known)
         show_quietly(self.borders_check, self._document.display.label_borders)
         before, hidden = self._measured, self._document.hiding.mask
@@ -270,16 +246,12 @@ class LabelPanel(QWidget):
         self._refresh_hint()
         self._refresh_buttons()
 
-    def set_field(self, field: Field | None) -> None:
-        """Set the displayed field, whose means are measured in regions."""
-        self._field = field
-
     def _refresh_regions(self, known: VertexMap | None) -> None:
         labels, there = self._document.labels, self._document.labels.regions is not None
         measured = labels.regions_of.labels if labels.regions_of is not None else ()
         self.regions.show_regions(labels.regions, measured)
         self.regions.setVisible(there)
-        self.export_button.setEnabled(there)
+        self._enable(there, "region_export")
         text = ""
         if not there:
             text = "Press Measure for a table of the connected parts of each label."
@@ -309,11 +281,14 @@ class LabelPanel(QWidget):
 
     def _refresh_buttons(self) -> None:
         n_chosen, selected = len(self.table.chosen), self._document.selection.mask is not None
-        self.join_button.setEnabled(n_chosen > 1)
-        for button in (self.delete_button, self.select_button):
-            button.setEnabled(n_chosen > 0)
-        self.give_button.setEnabled(n_chosen == 1 and selected)
-        self.clear_button.setEnabled(selected)
+        self._enable(n_chosen > 1, "label_join")
+        self._enable(n_chosen > 0, "label_delete", "label_select")
+        self._enable(n_chosen == 1 and selected, "label_assign")
+        self._enable(selected, "label_clear")
+
+    def _enable(self, on: bool, *names: str) -> None:
+        for name in names:
+            self._buttons[name].setEnabled(on)
 
     def _take_sizes(self, request: _Measured, sizes: LabelSizes | Exception) -> None:
         if isinstance(sizes, Exception):

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QAbstractItemView
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.table import Table
 from meshmash_viewer.features.regions import Regions
+from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import engineering, grouped
 from meshmash_viewer.vertex_map import Label
 
@@ -30,9 +31,9 @@ _NAME_WIDTH = 130
 class RegionTable(Table):
     """Table of regions; a click on the title of a column sorts the rows."""
 
-    #: Row in `Regions` that was clicked, or double-clicked.
-    region_clicked = Signal(int)
-    region_activated = Signal(int)
+    #: Mask of the region that was clicked, or double-clicked.
+    region_clicked = Signal(object)
+    region_activated = Signal(object)
 
     def __init__(self) -> None:
         super().__init__("region_table", "Regions of the label set", row_height=_ROW, role="dense")
@@ -49,8 +50,8 @@ class RegionTable(Table):
         self.sortByColumn(0, Qt.SortOrder.AscendingOrder)
         self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
         self.horizontalHeader().setResizeContentsPrecision(_LOOKED_AT)
-        self.clicked.connect(lambda index: self.region_clicked.emit(self._row_of(index)))
-        self.doubleClicked.connect(lambda index: self.region_activated.emit(self._row_of(index)))
+        self.clicked.connect(lambda index: self.region_clicked.emit(self._mask_of(index)))
+        self.doubleClicked.connect(lambda index: self.region_activated.emit(self._mask_of(index)))
 
     def show_regions(self, table: Regions | None, labels: tuple[Label, ...]) -> None:
         """Show regions with the colours of their labels; an empty table for None."""
@@ -127,5 +128,6 @@ class RegionTable(Table):
         several = part > 1 or label in self.table["label"][row + 1 : row + 2]
         return f"{label} ({part})" if several else label
 
-    def _row_of(self, index: QModelIndex) -> int:
-        return self._sorted.mapToSource(index).row()
+    def _mask_of(self, index: QModelIndex) -> Mask:
+        assert self.table is not None
+        return self.table.mask(self._sorted.mapToSource(index).row())
