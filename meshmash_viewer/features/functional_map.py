@@ -137,11 +137,10 @@ class FunctionalMap:
         given, at = np.asarray(values), self.matches.indices
         if not len(given) > at.max(initial=-1):
             raise InputError(f"There are {len(given):,} values for more vertices.")
-        whole = not np.issubdtype(given.dtype, np.inexact)
-        carried = given[at]
-        if whole:
-            carried = carried.astype(np.result_type(given.dtype, np.int8), copy=False)
-        carried[at < 0] = -1 if whole else np.nan
+        carried, missing = given[at], np.nan
+        if not np.issubdtype(given.dtype, np.inexact):
+            carried, missing = carried.astype(np.result_type(given.dtype, np.int8), copy=False), -1
+        carried[at < 0] = missing
         return carried
 
 
@@ -190,7 +189,11 @@ class _Shape(Placed):
     def coefficients(self, values: FloatArray, count: int) -> FloatArray:
         return np.asarray(self.functions[:, :count].T @ (self.mass[:, None] * values))
 
-    def orientation_operator(self, values: FloatArray, count: int) -> FloatArray:
+    def product(self, values: FloatArray, count: int) -> FloatArray:
+        """Compute the matrix of g ↦ values · g, shape (count, count)."""
+        return self.coefficients(values[:, None] * self.functions[:, :count], count)
+
+    def orientation(self, values: FloatArray, count: int) -> FloatArray:
         """Compute the matrix of g ↦ n · (∇ values × ∇g), divided by its norm, (count, count)."""
         faces, functions = self.faces, self.functions[:, :count]
         corners = values[faces]
@@ -275,25 +278,17 @@ def functional_map(
     )
     # normal equations for the entries of C, row by row
     normal = np.kron(np.eye(count), other @ other.T)
-    gaps = np.square(
-        np.subtract.outer(shapes[0].eigenvalues[:count], shapes[1].eigenvalues[:count])
-    )
+    gaps = np.square(np.subtract.outer(*(shape.eigenvalues[:count] for shape in shapes)))
     normal[np.diag_indices(count * count)] += _LAPLACIANS * (gaps / gaps.max()).ravel()
-    used = [features[:, ::step].T for features in columns]
-    products = [
-        np.stack(
-            [shape.coefficients(each[:, None] * shape.functions[:, :count], count) for each in some]
-        )
-        for shape, some in zip(shapes, used, strict=True)
-    ]
-    squares, mixed = _commutators(products[0], products[1])
+    used = [(shape, each[:, ::step].T) for shape, each in zip(shapes, columns, strict=True)]
+    squares, mixed = _commutators(
+        *(np.stack([shape.product(each, count) for each in some]) for shape, some in used)
+    )
     normal += squares - mixed
     if meshes is not None:
-        turns = [
-            np.stack([shape.orientation_operator(each, count) for each in some])
-            for shape, some in zip(shapes, used, strict=True)
-        ]
-        squares, mixed = _commutators(turns[0], turns[1])
+        squares, mixed = _commutators(
+            *(np.stack([shape.orientation(each, count) for each in some]) for shape, some in used)
+        )
         normal += squares
     wanted, found = (mine @ other.T).ravel(), []
     for side in (0.0,) if meshes is None else (1.0, -1.0):
@@ -395,10 +390,7 @@ def inverse_matches(
 
 
 def _shapes_of(
-    first: Eigenpairs,
-    second: Eigenpairs,
-    count: int,
-    meshes: tuple[MeshLike, MeshLike] | None,
+    first: Eigenpairs, second: Eigenpairs, count: int, meshes: tuple[MeshLike, MeshLike] | None
 ) -> tuple[_Shape, _Shape]:
     here, there = (None, None) if meshes is None else (as_mesh(each) for each in meshes)
     return _Shape.of(first, count, here), _Shape.of(second, count, there)
@@ -427,8 +419,7 @@ def _checked(
     if points.ndim != 2 or points.shape[1] != 2 or not np.issubdtype(points.dtype, np.integer):
         raise InputError("Landmarks are pairs of vertices, of the first and of the second.")
     for pairs, column in zip((first, second), points.T, strict=True):
-        inside = (column >= 0) & (column < len(pairs.mass))
-        bad = column[~inside] if not inside.all() else column[~(pairs.mass[column] > 0.0)]
+        bad = np.setdiff1d(column, np.flatnonzero(pairs.mass > 0.0))
         if len(bad):
             raise InputError(
                 f"Vertex {bad[0]} cannot be a landmark: it does not exist, or no face uses it."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback,
 from meshmash_viewer.surface.curvature import neck_widths
 from meshmash_viewer.surface.edges import connected, edges_of, side_codes
 from meshmash_viewer.units import counted, format_quantity, power_unit
-from meshmash_viewer.vertex_map import VertexMap, numbered_labels
+from meshmash_viewer.vertex_map import LABEL_COLORS, Label, VertexMap, numbered_labels
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 #: Power of the unit of length in the unit of a column.
 POWERS = {"area": 2, "volume": 3, "lambda2": -2}
 POWERS |= dict.fromkeys(("extent", "neck_width", *"xyz"), 1)
+#: Statistics of the values of a map in a region.
+_OF_MAPS = ("mean", "min", "max")
 #: Maximum number of labels named in a remark.
 _NAMED = 4
 
@@ -118,10 +121,6 @@ class Regions:
         return pandas.DataFrame(self.columns)
 
 
-#: Statistics of the values of a map in a region.
-_OF_MAPS = ("mean", "min", "max")
-
-
 def regions(
     mesh: MeshLike,
     labels: VertexMap | npt.ArrayLike,
@@ -137,7 +136,7 @@ def regions(
 
     A region is a connected set of faces whose three corners have the label; faces that share a
     vertex are connected. Labelled vertices in no such face are in no region; `Regions.remarks`
-    counts them. With `whole`, a region consists of all vertices with the label.
+    counts them.
 
     `InputError` is raised if labels or maps are of another number of vertices, labels are neither
     whole numbers nor names, or no face has three corners with the same label.
@@ -150,13 +149,11 @@ def regions(
         by their numbers.
     maps : sequence of VertexMap
         Maps whose area-weighted mean, minimum and maximum are columns.
-    neck : bool
-        Whether to measure ``neck_width``.
-    lambda2 : bool
-        Whether to compute ``lambda2``, the slowest column.
+    neck, lambda2 : bool
+        Whether to compute ``neck_width``, and ``lambda2``, the slowest column.
     whole : bool
-        Whether each label is one region; ``neck_width`` and ``lambda2``, which need connected
-        regions, are left out.
+        Whether all vertices with a label are one region; ``neck_width`` and ``lambda2``, which need
+        connected regions, are left out.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -230,9 +227,7 @@ def regions(
     for each in measured:
         values = each.values[order].astype(np.float64)
         has = np.isfinite(values)
-        with np.errstate(invalid="ignore"):
-            total = np.bincount(of_row[has], (values * weights)[has], k)
-            mean = total / np.bincount(of_row[has], weights[has], k)
+        mean = _means(values[has, None], weights[has], of_row[has], k)[:, 0]
         found = mean, np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
         columns |= zip((f"{what} {each.name}" for what in _OF_MAPS), found, strict=True)
     remarks = _remarks(known, rows, columns["volume"])
@@ -274,8 +269,8 @@ def _named_labels(name: str, given: npt.NDArray[Any]) -> VertexMap:
     names, places = np.unique(given[known].astype(str), return_inverse=True)
     numbers = np.zeros(len(given), dtype=np.int64)
     numbers[known] = places + 1
-    colors = numbered_labels(np.arange(1, len(names) + 1))
-    labels = (replace(each, name=str(text)) for each, text in zip(colors, names, strict=True))
+    colored = zip(names.tolist(), cycle(LABEL_COLORS), strict=False)
+    labels = (Label(at, text, color) for at, (text, color) in enumerate(colored, start=1))
     return VertexMap(name, numbers, tuple(labels))
 
 
@@ -299,16 +294,16 @@ def _rows(mesh: Mesh, known: VertexMap, whole: bool) -> tuple[IntArray, IntArray
     label = np.zeros(len(area), dtype=np.int64)
     label[groups] = places[used]
     order = np.lexsort((-area, label))
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
     rows = np.full(mesh.n_vertices, -1, dtype=np.int64)
-    rows[used] = rank[groups]
+    rows[used] = np.argsort(order)[groups]
     return rows, label[order]
 
 
 def _means(points: FloatArray, weights: FloatArray, of_row: IntArray, k: int) -> FloatArray:
+    """Compute the weighted mean of the points of each row, shape (k, d); NaN without a point."""
     sums = [np.bincount(of_row, weights * axis, k) for axis in points.T]
-    return np.stack(sums, axis=1) / np.bincount(of_row, weights, k)[:, None]
+    with np.errstate(invalid="ignore"):
+        return np.stack(sums, axis=1) / np.bincount(of_row, weights, k)[:, None]
 
 
 def _extents(offsets: FloatArray, weights: FloatArray, of_row: IntArray, k: int) -> FloatArray:
@@ -339,19 +334,15 @@ def _volumes(mesh: Mesh, rows: IntArray, centers: FloatArray) -> tuple[FloatArra
     # edges of faces on the border
     open_ = np.flatnonzero(edges.counts[at] == 1)
     tails, tips = faces.ravel()[open_], faces[:, [1, 2, 0]].ravel()[open_]
-    loops = np.zeros(k, dtype=np.int64)
-    if len(open_):
-        on_border, loop = np.unique(connected(tails, tips, n)[tails], return_inverse=True)
-        middles = _means(mesh.vertices[tails], np.ones(len(tails)), loop, len(on_border))
-        of_side = rows[tails]
-        fans = np.stack([mesh.vertices[tips], mesh.vertices[tails], middles[loop]], axis=1)
-        volumes += sixths(of_side, fans)
-        of_loop = np.zeros(len(on_border), dtype=np.int64)
-        of_loop[loop] = of_side
-        loops += np.bincount(of_loop, minlength=k)
+    _, first, loop = np.unique(
+        connected(tails, tips, n)[tails], return_index=True, return_inverse=True
+    )
+    middles = _means(mesh.vertices[tails], np.ones(len(tails)), loop, len(first))
+    fans = np.stack([mesh.vertices[tips], mesh.vertices[tails], middles[loop]], axis=1)
+    volumes += sixths(rows[tails], fans)
     wrong = (edges.counts > 1) & (balance != 0)
     volumes[rows[edges.keys[wrong] // n]] = np.nan
-    return volumes / 6.0, loops
+    return volumes / 6.0, np.bincount(rows[tails[first]], minlength=k)
 
 
 def _whole_faces(mesh: Mesh, numbers: IntArray) -> npt.NDArray[np.bool_]:
@@ -379,12 +370,11 @@ def _first_eigenvalues(
         check_cancelled(cancel)
         if progress is not None:
             progress(Progress("eigenvalues of regions", row / k))
-        if not mesh.face_areas[own].any():
-            continue
-        used, corners = np.unique(mesh.faces[own], return_inverse=True)
-        alone = mesh.vertices[used], corners.reshape(-1, 3)
-        pairs = solve(*cotangent_laplacian(alone, robust=True), 2, cancel=cancel)
-        values[row] = pairs.eigenvalues[-1]
+        if mesh.face_areas[own].any():
+            used, corners = np.unique(mesh.faces[own], return_inverse=True)
+            alone = mesh.vertices[used], corners.reshape(-1, 3)
+            pairs = solve(*cotangent_laplacian(alone, robust=True), 2, cancel=cancel)
+            values[row] = pairs.eigenvalues[-1]
     return values
 
 
