@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
-from itertools import count
+from itertools import chain, count, cycle
 from numbers import Real
 from typing import Any
 
@@ -68,7 +68,6 @@ class VertexMap:
     Parameters
     ----------
     name : str
-        Name of the map.
     values : array_like, shape (n,)
         Real numbers, NaN at vertices without a value; with `labels` whole numbers. Stored read-only
         as float32 or float64, with `labels` as int32, or int64 for large numbers.
@@ -100,17 +99,15 @@ class VertexMap:
             kind = type(wrong[0]).__name__
             raise InputError(f"Labels of map {name!r} are a sequence of mv.Label, not {kind}.")
         values = _checked(_numbers(self.values, name), name, self.labels)
-        if self.labels:
-            first: dict[int, Label] = {}
-            for label in self.labels:
-                first.setdefault(label.key, label)
-            labels = tuple(first.values())
-            if len(labels) > MOST_LABELS:
-                raise InputError(
-                    f"Map {name!r} has {len(labels):,} labels, and {MOST_LABELS} can be"
-                    " distinguished by colour: join some of them."
-                )
-            object.__setattr__(self, "labels", labels)
+        first: dict[int, Label] = {}
+        for label in self.labels:
+            first.setdefault(label.key, label)
+        if len(first) > MOST_LABELS:
+            raise InputError(
+                f"Map {name!r} has {len(first):,} labels, and {MOST_LABELS} can be"
+                " distinguished by colour: join some of them."
+            )
+        object.__setattr__(self, "labels", tuple(first.values()))
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
 
@@ -185,16 +182,16 @@ class VertexMap:
             named = str(self.labels[0].key)
         names = ", ".join(each.name or str(each.key) for each in self.labels[:_NAMED]) or "no label"
         more = ", …" if len(self.labels) > _NAMED else ""
-        inside = np.zeros(self.n_vertices, dtype=np.bool_)
         asked = [one for each in named.removeprefix("-").split(",") if (one := each.strip())]
-        for one in asked:
-            keys = [each.key for each in self.labels if one in (each.name, str(each.key))]
-            if not keys:
-                raise InputError(f"Map {self.name!r} has no label {one!r}: it has {names}{more}.")
-            inside |= np.isin(self.values, keys)
         if not asked:
             raise InputError(f"Map {self.name!r} has several labels, name one: {names}{more}.")
-        return np.asarray(~inside if named.startswith("-") else inside)
+        keys: list[int] = []
+        for one in asked:
+            found = [each.key for each in self.labels if one in (each.name, str(each.key))]
+            if not found:
+                raise InputError(f"Map {self.name!r} has no label {one!r}: it has {names}{more}.")
+            keys += found
+        return np.isin(self.values, keys, invert=named.startswith("-"))
 
     @property
     def no_label(self) -> int:
@@ -218,13 +215,10 @@ def named_apart(maps: Sequence[VertexMap], taken: Sequence[str] = ()) -> tuple[V
     """Return the maps with unique names: a number is appended to names in use."""
     names, result = set(taken), []
     for each in maps:
-        name, number = each.name, 2
-        while name in names:
-            name, number = f"{each.name} {number}", number + 1
+        numbered = (f"{each.name} {number}" for number in count(2))
+        name = next(name for name in chain([each.name], numbered) if name not in names)
         names.add(name)
-        if name != each.name:
-            each = VertexMap(name, each.values, each.labels, each.unit, each.path)
-        result.append(each)
+        result.append(each if name == each.name else replace(each, name=name))
     return tuple(result)
 
 
@@ -237,10 +231,8 @@ def unused_number(labels: Sequence[Label]) -> int:
 def numbered_labels(numbers: npt.NDArray[Any]) -> tuple[Label, ...]:
     """Return a label for each whole number but 0 among values of vertices, named by its number."""
     used = [int(number) for number in np.unique(numbers) if number != 0]
-    n_colors = len(LABEL_COLORS)
-    return tuple(
-        Label(number, str(number), LABEL_COLORS[at % n_colors]) for at, number in enumerate(used)
-    )
+    colored = zip(used, cycle(LABEL_COLORS), strict=False)
+    return tuple(Label(number, str(number), color) for number, color in colored)
 
 
 def labels_in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[Label, ...]:

@@ -49,16 +49,8 @@ def write_classes(path: str | Path, model: ClassModel) -> None:
     meshmash-viewer.json`), describes columns with their unit, operator and transformation, classes
     with colours, training meshes by content hash, scores, and versions.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file with the ending .skops.
-    model : ClassModel
-
-    Raises
-    ------
-    InputError
-        If the ending is not .skops, skops is not installed, or the file cannot be written.
+    `InputError` is raised if the ending of the path is not .skops, skops is not installed, or the
+    file cannot be written.
 
     Examples
     --------
@@ -104,19 +96,8 @@ def model_card(model: ClassModel) -> dict[str, Any]:
 def read_classes(path: str | Path) -> ClassModel:
     """Read a class model from a skops file, without running code from the file.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    ClassModel
-
-    Raises
-    ------
-    InputError
-        If the file is no class model, has another version of the format or of scikit-learn, or
-        contains a type that its classifier does not need; the message names the type.
+    `InputError` is raised if the file is no class model, has another version of the format or of
+    scikit-learn, or contains a type that its classifier does not need; the message names the type.
 
     Examples
     --------
@@ -157,9 +138,9 @@ def _card(path: Path) -> dict[str, Any]:
             if sum(sizes.values()) > _LARGEST or sizes.get(_CARD, 0) > _LARGEST_CARD:
                 raise InputError(f"{path} unpacks to more than a model can have: train it again.")
             card = json.loads(archive.read(_CARD))
+    except InputError:
+        raise
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError, NotImplementedError) as fault:
-        if isinstance(fault, InputError):
-            raise
         raise InputError(
             f"{path} is no model of classes: choose one that `train` has written."
         ) from fault
@@ -203,14 +184,10 @@ def _model(path: Path, card: dict[str, Any]) -> ClassModel:
 
 def _classifier(path: Path, kind: str, n_columns: int, n_classes: int) -> Any:
     """Load the classifier, and check its indices, which its compiled code does not check."""
-    from sklearn.ensemble import VotingClassifier
     from skops import io
 
     loaded = io.load(path, trusted=[_CHECKED])
-    parts = [(kind, loaded)]
-    if kind == "ensemble" and type(loaded) is VotingClassifier and loaded.voting == "soft":
-        parts = list(zip(("forest", "logistic"), loaded.estimators_, strict=True))
-    if not all(_is_of_kind(each, name, n_columns, n_classes) for name, each in parts):
+    if not _is_of_kind(loaded, kind, n_columns, n_classes):
         raise ValueError(f"not a classifier of kind {kind}")
     if loaded.predict_proba(np.zeros((1, n_columns))).shape != (1, n_classes):
         raise ValueError("other classes than the card has")
@@ -220,11 +197,14 @@ def _classifier(path: Path, kind: str, n_columns: int, n_classes: int) -> Any:
 
 
 def _is_of_kind(loaded: Any, kind: str, n_columns: int, n_classes: int) -> bool:
-    from sklearn.ensemble import ExtraTreesClassifier
+    from sklearn.ensemble import ExtraTreesClassifier, VotingClassifier
     from sklearn.linear_model import LogisticRegression
     from sklearn.pipeline import Pipeline
     from sklearn.preprocessing import StandardScaler
 
+    if kind == "ensemble" and type(loaded) is VotingClassifier and loaded.voting == "soft":
+        parts = zip(loaded.estimators_, ("forest", "logistic"), strict=True)
+        return all(_is_of_kind(*each, n_columns, n_classes) for each in parts)
     if kind == "forest":
         return type(loaded) is ExtraTreesClassifier and all(
             _is_sound(each.tree_, n_columns, n_classes) for each in loaded.estimators_
@@ -242,9 +222,6 @@ def _is_sound(tree: Any, n_columns: int, n_classes: int) -> bool:
     inner = (left != -1) | (right != -1)
     within = (left > places) & (right > places) & (left < len(nodes)) & (right < len(nodes))
     known = (nodes["feature"] >= 0) & (nodes["feature"] < n_columns)
-    return bool(
-        len(nodes) > 0
-        and (within & known)[inner].all()
-        and tree.n_features == n_columns
-        and tree.value.shape == (len(nodes), 1, n_classes)
-    )
+    shapes = tree.n_features, tree.value.shape
+    sound = (within & known)[inner].all() and shapes == (n_columns, (len(nodes), 1, n_classes))
+    return bool(len(nodes) > 0 and sound)
