@@ -120,9 +120,8 @@ def _described(model: ClassModel, path: Path) -> str:
     scores, unit = model.scores, model.columns.unit
     rows = []
     if scores is not None:
-        rows.append(
-            ("F1", f"{scores.weighted_f1:.3f}, by area, with whole {scores.left_out} left out")
-        )
+        said = f"{scores.weighted_f1:.3f}, by area, with whole {scores.left_out} left out"
+        rows.append(("F1", said))
         for name, f1, areas in zip(model.names, scores.f1, scores.confusion, strict=True):
             wrong = [
                 f"{format_share(area / areas.sum())} taken for {other}"
@@ -147,10 +146,7 @@ def predict(options: Namespace) -> int:
         check_map_outputs(outputs)
         return for_each(
             options,
-            # a worker reads the model, which may be large, only once
-            lambda mesh, at, own: _write_predicted(
-                mesh, at, outputs[at], _read_once(own.model), own
-            ),
+            lambda mesh, at, own: _write_predicted(mesh, at, outputs[at], own),
             repaired=False,  # --whole-mesh needs the mesh before repairs
             outputs=outputs,
         )
@@ -171,6 +167,7 @@ def _domains(mesh: Mesh, given: Path, mesh_file: Path) -> IntArray:
 
 
 def _read_once(path: Path) -> ClassModel:
+    """Read a model, which may be large; keep it in a worker until the file changes."""
     return _model_of(path, path.absolute(), path.stat().st_mtime_ns if path.is_file() else 0)
 
 
@@ -179,15 +176,12 @@ def _model_of(path: Path, _place: Path, _modified: int) -> ClassModel:
     return read_classes(path)
 
 
-def _write_predicted(
-    raw: Mesh, at: int, path: Path, model: ClassModel, options: Namespace
-) -> Report:
-    mesh = prepared(raw, options)
+def _write_predicted(raw: Mesh, at: int, path: Path, options: Namespace) -> Report:
+    mesh, model = prepared(raw, options), _read_once(options.model)
     model.check_mesh(mesh)
     pairs = solved(mesh, options, Target("max_eigenvalue", model.columns.limit(mesh)))
-    domains = None
-    if options.domains is not None:
-        domains = _domains(mesh, Path(options.domains), options.mesh[at])
+    given = options.domains
+    domains = None if given is None else _domains(mesh, Path(given), options.mesh[at])
     with watched(mesh) as callbacks:
         found = predict_classes(mesh, model, pairs=pairs, domains=domains, warn=False, **callbacks)
     about = {
@@ -202,9 +196,8 @@ def _write_predicted(
         each.name: float(mesh.vertex_areas[found.labels.values == each.key].sum())
         for each in model.classes
     }
-    uncertain = float(
-        np.average(np.nan_to_num(found.uncertainty.values), weights=mesh.vertex_areas)
-    )
+    uncertainty = np.nan_to_num(found.uncertainty.values)
+    uncertain = float(np.average(uncertainty, weights=mesh.vertex_areas))
     report = {
         "mesh": mesh.name,
         "output": str(path),
