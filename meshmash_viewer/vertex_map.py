@@ -158,17 +158,9 @@ class VertexMap:
     def mask(self, named: str = "") -> npt.NDArray[np.bool_]:
         """Return a mask of the vertices of some labels or, without labels, of nonzero values.
 
-        `InputError` is raised if there is no such label, or `named` is empty for several labels.
-
-        Parameters
-        ----------
-        named : str
-            Names or numbers of labels, separated by commas; "-" before them selects all other
-            vertices. May be "" for a map with at most one label.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
+        `named` are names or numbers of labels, separated by commas; "-" before them selects all
+        other vertices. It may be "" for a map with at most one label. `InputError` is raised if
+        there is no such label, or `named` is "" for several labels.
 
         Examples
         --------

@@ -117,22 +117,10 @@ class FunctionalMap:
         return "the match reverses left and right, as in a mirror image." if self.mirrored else ""
 
     def carry(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Carry values at the vertices of the second shape to the first.
+        """Carry values at the vertices of the second shape, shape (m,) or (m, f), to the first.
 
-        Parameters
-        ----------
-        values : array_like, shape (m,) or (m, f)
-            A map or features, or numbers of labels.
-
-        Returns
-        -------
-        ndarray, shape (n,) or (n, f)
-            Values at vertices without a match are NaN, or -1 for integers.
-
-        Raises
-        ------
-        InputError
-            If there are fewer rows than vertices.
+        The result, shape (n,) or (n, f), is NaN at vertices without a match, or -1 for integers.
+        `InputError` is raised if there are fewer rows than vertices.
         """
         given, at = np.asarray(values), self.matches.indices
         if not len(given) > at.max(initial=-1):
@@ -219,6 +207,8 @@ def functional_map(
 ) -> FunctionalMap:
     """Estimate the functional map between two shapes from descriptors and landmarks.
 
+    `InputError` is raised if there are fewer than two eigenpairs, or a landmark does not exist.
+
     Parameters
     ----------
     first, second : Eigenpairs
@@ -234,15 +224,6 @@ def functional_map(
     meshes : tuple of two MeshLike, optional
         The two meshes. The map preserves their orientation, unless a map that reverses it fits
         better (`FunctionalMap.mirrored`), as for a left and a right hemisphere.
-
-    Returns
-    -------
-    FunctionalMap
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two eigenpairs, or a landmark does not exist.
 
     Examples
     --------
@@ -316,6 +297,8 @@ def zoomout(
 ) -> FunctionalMap:
     """Refine a functional map with an increasing number of eigenfunctions.
 
+    Steps use up to 6,000 random vertices of the first shape; the last step uses all vertices.
+
     Parameters
     ----------
     first, second : Eigenpairs
@@ -329,11 +312,6 @@ def zoomout(
         Called repeatedly; `Cancelled` is raised if it returns True.
     meshes : tuple of two MeshLike, optional
         The two meshes, to match a moved, scaled copy by position (`FunctionalMap.rigid`).
-
-    Returns
-    -------
-    FunctionalMap
-        Steps use up to 6,000 random vertices of the first shape; the last step uses all vertices.
 
     Examples
     --------

@@ -81,17 +81,9 @@ class Regions:
         return named.get(column) or power_unit(self.mesh.unit, POWERS.get(column, 0))
 
     def with_points(self, found: ProjectedPoints) -> Regions:
-        """Add the number of points in each region, and the sums of their columns.
+        """Add columns of points on the mesh of the regions, see `ProjectedPoints.sums`.
 
-        Parameters
-        ----------
-        found : ProjectedPoints
-            Points on the mesh of the regions; see `ProjectedPoints.sums` for the new columns.
-
-        Returns
-        -------
-        Regions
-            Regions with remarks on points in no region, and on points far from the mesh.
+        Points in no region, and points far from the mesh, are counted in the remarks.
 
         Examples
         --------

@@ -86,28 +86,13 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     Formats of maps are NPZ, NPY, CSV, Parquet, GIFTI (functional, shape and label files), and those
     of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``) and AFNI (``.1D``,
     ``.1D.dset``, ``.niml.dset``). From a mesh file, all values at its vertices are read except
-    coordinates. Condensed features, see
-    `read_condensed_features`, become one map per column, with the value of a domain at each of its
-    vertices, and a label set of the domains.
+    coordinates. Condensed features, see `read_condensed_features`, become one map per column, with
+    the value of a domain at each of its vertices, and a label set of the domains.
 
-    `InputError` is raised if the file does not exist, does not have one value per vertex of the
-    mesh, or cannot be read; the message names the file, the fault and a remedy.
-
-    Parameters
-    ----------
-    path : str or Path
-    mesh : MeshLike
-        The mesh of the maps.
-
-    Returns
-    -------
-    tuple of VertexMap
-        One or more maps with different names and with `VertexMap.path`; see `Mesh.with_maps`.
-
-    Warns
-    -----
-    MeshWarning
-        For columns without numbers, maps with invalid values, and maps of the other hemisphere.
+    The maps have different names, and `VertexMap.path`; see `Mesh.with_maps`. `InputError` is
+    raised if the file does not exist, does not have one value per vertex of the mesh, or cannot be
+    read; the message names the file, the fault and a remedy. A `MeshWarning` is given for columns
+    without numbers, maps with invalid values, and maps of the other hemisphere.
 
     Examples
     --------
@@ -123,7 +108,7 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
 
 
 def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
-    """Read a mask of vertices from a file of maps.
+    """Read a mask of vertices, shape (n,), from a file of maps.
 
     `InputError` is raised as by `read_maps` and `VertexMap.mask`.
 
@@ -136,10 +121,6 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
         be last: "lh.thickness>0.5", "maps.npz:thickness<=2"; NaN does not meet a condition.
     mesh : MeshLike
         The mesh of the mask.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
 
     Examples
     --------
@@ -167,8 +148,8 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
 def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
     """Read a label set from a file of maps.
 
-    `InputError` is raised as by `read_maps`, and if the file has no map of the given name, or the
-    name is needed and missing.
+    If the file has only numbers, the set has no labels. `InputError` is raised as by `read_maps`,
+    and if the file has no map of the given name, or the name is needed and missing.
 
     Parameters
     ----------
@@ -178,11 +159,6 @@ def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
         labels.
     mesh : MeshLike
         The mesh of the labels.
-
-    Returns
-    -------
-    VertexMap
-        A map of the vertices of the mesh; its labels are empty if the file has only numbers.
 
     Examples
     --------

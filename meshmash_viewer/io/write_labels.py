@@ -22,20 +22,11 @@ def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None 
     """Write a table with a row per region, as CSV, Parquet or NPZ.
 
     The columns of `regions` are followed by ``unit``, the unit of lengths: areas are in its square,
-    volumes in its cube, ``lambda2`` in its inverse square.
+    volumes in its cube, ``lambda2`` in its inverse square. `meta` are JSON-able options of the
+    computation, or a result of `provenance`.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file with one of the endings of `SPECTRUM_WRITERS`.
-    table : Regions
-    meta : dict, optional
-        JSON-able options of the computation, or a result of `provenance`.
-
-    Raises
-    ------
-    InputError
-        If the ending is unknown or the file cannot be written.
+    `InputError` is raised if the path has none of the endings of `SPECTRUM_WRITERS`, or the file
+    cannot be written.
 
     Examples
     --------
@@ -65,22 +56,11 @@ def write_labels(
     without a vertex are lost. ``.annot`` numbers the labels from 0 and distinguishes them by
     colour: a black label, or a label with the colour of another, gets the next free colour.
     ``.label`` has the vertices of a single label, without its name and colour. PLY and NPZ contain
-    the mesh; other files have a value for each vertex of the mesh file.
+    the mesh; other files have a value for each vertex of the mesh file. `meta` are JSON-able
+    options of the computation, or a result of `provenance`.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file with one of the endings of `LABEL_WRITERS`.
-    labels : VertexMap
-    mesh : MeshLike
-    meta : dict, optional
-        JSON-able options of the computation, or a result of `provenance`.
-
-    Raises
-    ------
-    InputError
-        If the ending is unknown, the labels are of another mesh or missing, or the format does not
-        support them.
+    `InputError` is raised if the path has none of the endings of `LABEL_WRITERS`, the labels are of
+    another mesh or missing, or the format does not support them.
 
     Examples
     --------

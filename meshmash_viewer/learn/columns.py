@@ -61,7 +61,8 @@ class ClassColumns:
     """Columns to learn classes from, at fixed times and lengths in a unit of length.
 
     They do not depend on the spectrum of a mesh, so that columns of several meshes are comparable.
-    `chosen` selects times for a mesh.
+    `chosen` selects times for a mesh. `InputError` is raised if a kind is unknown, or a number is
+    not positive.
 
     Parameters
     ----------
@@ -81,11 +82,6 @@ class ClassColumns:
         Whether the first eigenpair is left out.
     operator : OperatorOptions
         Parameters of the Laplacian.
-
-    Raises
-    ------
-    InputError
-        If a kind is unknown, or a number is not positive.
 
     Examples
     --------
@@ -211,20 +207,11 @@ class ClassColumns:
         progress: ProgressCallback | None = None,
         cancel: CancelCallback | None = None,
     ) -> Features:
-        """Compute the columns of a mesh.
+        """Compute the columns of a mesh, shape (n, f), in powers of `unit`.
 
-        Parameters
-        ----------
-        mesh : MeshLike
-        pairs : Eigenpairs, optional
-            Known eigenpairs of the mesh; they are recomputed if they do not reach `max_eigenvalue`.
-        progress, cancel : callable, optional
-            See `meshmash_viewer.progress`.
-
-        Returns
-        -------
-        Features
-            Values of shape (n, f), in powers of `unit`; NaN at unreferenced vertices.
+        Values at unreferenced vertices are NaN. The eigenpairs `pairs` of the mesh are recomputed
+        if they do not reach `max_eigenvalue`. For `progress` and `cancel` see
+        `meshmash_viewer.progress`.
         """
         mesh = as_mesh(mesh)
         check_columns(mesh.n_vertices, len(self.names))
