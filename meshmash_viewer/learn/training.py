@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -46,8 +46,8 @@ class ClassScores:
     confusion : ndarray, shape (c, c)
         Area of the labelled vertices of each class (row) by predicted class (column), in the
         squared unit of the model.
-    left_out : str
-        Test sets that are left out of the training: "meshes" or "strokes".
+    left_out : {"meshes", "strokes"}
+        Test sets that are left out of the training.
     folds : int
         Number of trainings.
 
@@ -77,14 +77,8 @@ class ClassScores:
 
     def plain(self) -> dict[str, Any]:
         """Return the scores as JSON values."""
-        return {
-            "classes": list(self.classes),
-            "confusion": self.confusion.tolist(),
-            "left_out": self.left_out,
-            "folds": self.folds,
-            "f1": self.f1.tolist(),
-            "weighted_f1": self.weighted_f1,
-        }
+        lists = {"confusion": self.confusion.tolist(), "f1": self.f1.tolist()}
+        return {**asdict(self), **lists, "weighted_f1": self.weighted_f1}
 
     @classmethod
     def from_plain(cls, entries: dict[str, Any]) -> Self:
@@ -186,9 +180,10 @@ class Training:
 
     def scores(self, progress: ProgressCallback | None) -> tuple[ClassScores | None, str]:
         """Cross-validate; return scores and "", or None and the reason as a sentence."""
-        folds, left_out, fault = self._folds()
-        if fault:
-            return None, fault
+        try:
+            folds, left_out = self._folds()
+        except InputError as fault:
+            return None, str(fault)
         numbers, confusion = np.unique(folds), np.zeros((len(self.names), len(self.names)))
         for at, fold in enumerate(numbers):
             if progress is not None:
@@ -199,30 +194,28 @@ class Training:
             np.add.at(confusion, (self.places[test], found), self.areas[test])
         return ClassScores(self.names, confusion, left_out, len(numbers)), ""
 
-    def _folds(self) -> tuple[IntArray, str, str]:
-        """Assign labelled vertices to folds that are left out in turn.
+    def _folds(self) -> tuple[IntArray, str]:
+        """Return the fold of each labelled vertex, shape (s,), and the kind of folds.
 
         Folds are meshes if the others have all classes, otherwise strokes of each class,
-        distributed by size. Returns the fold of each vertex, shape (s,), the kind of folds, and a
-        message if a class has only one stroke.
+        distributed by size. `InputError` is raised if a class has only one stroke.
         """
         places, of_mesh = self.places, self.of_mesh
         kept = [len(np.unique(places[of_mesh != mesh])) for mesh in range(len(self.meshes))]
         if len(kept) > 1 and min(kept) == len(self.names):
-            return of_mesh, "meshes", ""
+            return of_mesh, "meshes"
         folds = np.zeros(len(places), dtype=np.int64)
         for place, name in enumerate(self.names):
             own = places == place
             _, inverse, sizes = np.unique(self.stroke[own], return_inverse=True, return_counts=True)
             if len(sizes) < 2:
-                said = (
+                raise InputError(
                     f"There are no scores yet: {name!r} has {counted(len(sizes), 'stroke')}, and"
                     " one has to be left out to test; label another place of it."
                 )
-                return folds, "", said
             rank = np.argsort(np.argsort(-sizes, kind="stable"))
             folds[own] = rank[inverse] % _FOLDS
-        return folds, "strokes", ""
+        return folds, "strokes"
 
     def _predicted(self, classifier: Any, some: IntArray) -> IntArray:
         """Predict classes of some labelled vertices; probabilities are smoothed on whole meshes."""
@@ -278,12 +271,9 @@ def _check_columns(values: FloatArray, names: Sequence[str], subject: str) -> No
         )
     if len(constant):
         said = ", ".join(names[at] for at in constant[:3]) + (", …" if len(constant) > 3 else "")
-        warnings.warn(
-            f"{subject}{counted(len(constant), 'column')} ({said}) the same at all labelled"
-            " vertices: nothing is learned from them.",
-            MeshWarning,
-            stacklevel=4,
-        )
+        said = f"{subject}{counted(len(constant), 'column')} ({said}) the same at all labelled"
+        text = f"{said} vertices: nothing is learned from them."
+        warnings.warn(text, MeshWarning, stacklevel=5)
 
 
 def probabilities(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -293,17 +294,13 @@ class Classes:
         state = {"live": self._live, "outdated": self.outdated, "learned": learned}
         return {**self._options.plain(), **state}
 
-    def restore(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: Mapping[str, Any] = MappingProxyType({})) -> None:
         """Restore a result of `read_saved_classes`; missing entries get their defaults."""
         given = {name: saved[name] for name in ClassOptions.declared() if name in saved}
         self._options, self._live = ClassOptions(**given), saved.get("live", False)
         learned, self._refused = saved.get("learned"), None
         self._awaiting = None if learned is None else (learned, saved.get("outdated", False))
         self.changed.emit()
-
-    def forget(self) -> None:
-        """Reset options and scores to their defaults, for another mesh."""
-        self.restore({})
 
     def classify(self) -> None:
         """Request a prediction from the current labels."""
@@ -314,9 +311,9 @@ class Classes:
 
     def show_uncertainty(self) -> None:
         """Display the uncertainty of the prediction."""
-        names = [each for each in self._own if not each.startswith("probability")]
-        if len(names) > 1:
-            self._maps.show(names[-1])
+        for name in self._own:
+            if name.startswith("uncertainty"):
+                self._maps.show(name)
 
     def accept(self, job: ClassesJob, result: Classified) -> None:
         """Add the maps of a result, unless the job is live and the labels have changed since."""

@@ -96,7 +96,7 @@ class Document(OpenMesh):
             self, self.maps, self.selection, self.hiding, self.display, self.notices, self.work
         )
         self.classes = Classes(self, self.maps, self.labels, self.work, self.notices)
-        self.history.started.connect(self.classes.forget)
+        self.history.started.connect(self.classes.restore)
         self.solve = Solve(self, self.work)
         self.work.finished.connect(self._on_finished)
         self.work.requested.connect(self.notices.begin_turn)
