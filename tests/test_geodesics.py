@@ -7,13 +7,12 @@ import pytest
 import shapes
 
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.kernels import in_picture, project, visible_of
+from meshmash_viewer.surface.kernels import in_picture, project, visible
 from meshmash_viewer.surface.masks import (
     Geodesics,
     Projection,
     lasso,
     prepared,
-    visible,
     within_polygon,
 )
 from meshmash_viewer.surface.rays import RayTarget
@@ -150,7 +149,7 @@ def test_small_faces_may_be_left_out_of_a_lasso() -> None:
 def test_a_first_lasso_compiles_nothing_once_strokes_are_prepared() -> None:
     ball = shapes.icosphere(2)
     prepared(ball)
-    known = [len(loop.signatures) for loop in (project, in_picture, visible_of)]
+    known = [len(loop.signatures) for loop in (project, in_picture, visible)]
     points, normals = (each.astype(np.float32) for each in (ball.vertices, ball.vertex_normals))
     seen = Projection(points, normals, np.eye(3), np.zeros(3), 0.02, (50.0, 50.0))
     around = np.array([[-9.0, -9.0], [109.0, -9.0], [109.0, 109.0], [-9.0, 109.0]])
@@ -160,4 +159,4 @@ def test_a_first_lasso_compiles_nothing_once_strokes_are_prepared() -> None:
         for each in (None, target):
             chosen = lasso(ball, seen, around, hidden, False, each)
             assert np.array_equal(chosen, seen.facing > 0.0)
-    assert [len(loop.signatures) for loop in (project, in_picture, visible_of)] == known
+    assert [len(loop.signatures) for loop in (project, in_picture, visible)] == known

@@ -13,6 +13,11 @@ from meshmash_viewer.spectral.engine.compiler import import_compiler
 
 numba = import_compiler()
 
+#: Side of the cells in which heights are compared, in pixels.
+CELL = 3.0
+#: Largest slope of a surface against the screen, within a cell.
+_STEEPEST = 5.0
+
 
 @numba.njit(cache=True, nogil=True)
 def spread(starts, around, faces, points, order, sources, radius, passable, distance):  # type: ignore[no-untyped-def]
@@ -99,12 +104,13 @@ def project(points, axes, shift):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def visible_of(seen, faces, facing, chosen, drawn, cell, steepest):  # type: ignore[no-untyped-def]
+def visible(seen, faces, facing, chosen, drawn):  # type: ignore[no-untyped-def]
     """Return a mask of chosen vertices that face the eye and that no drawn face covers, (n,).
 
-    `cell` is the side of the cells of `heights_of`. A vertex is compared with the largest height in
-    its cell, minus the height by which its own face may rise within the cell if the slope of the
-    face is at most `steepest`.
+    `seen` and `facing` are attributes of `masks.Projection`. A face is drawn if its three corners
+    are drawn; faces of at most `CELL` pixels may be left out. A vertex is compared with the largest
+    height in its cell (see `heights_of`), minus the height by which its own face may rise within
+    the cell, so that a steep surface does not cover itself.
     """
     result = chosen & (facing > 0.0)
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
@@ -113,18 +119,18 @@ def visible_of(seen, faces, facing, chosen, drawn, cell, steepest):  # type: ign
             low[k], high[k] = min(low[k], seen[v, k]), max(high[k], seen[v, k])
     if low[0] > high[0]:
         return result
-    columns, rows = int((high[0] - low[0]) / cell) + 1, int((high[1] - low[1]) / cell) + 1
-    heights = heights_of(seen, faces, drawn, low, cell, rows, columns)
+    columns, rows = int((high[0] - low[0]) / CELL) + 1, int((high[1] - low[1]) / CELL) + 1
+    heights = heights_of(seen, faces, drawn, low, rows, columns)
     for v in np.flatnonzero(result):
         slope = np.sqrt(max(1.0 - facing[v] ** 2, 0.0)) / max(facing[v], 1e-6)
-        room = cell * (0.5 + 1.5 * min(slope, steepest))
-        row, column = int((seen[v, 1] - low[1]) / cell), int((seen[v, 0] - low[0]) / cell)
+        room = CELL * (0.5 + 1.5 * min(slope, _STEEPEST))
+        row, column = int((seen[v, 1] - low[1]) / CELL), int((seen[v, 0] - low[0]) / CELL)
         result[v] = seen[v, 2] >= heights[row, column] - room
     return result
 
 
 @numba.njit(cache=True, nogil=True)
-def heights_of(seen, faces, drawn, low, cell, rows, columns):  # type: ignore[no-untyped-def]
+def heights_of(seen, faces, drawn, low, rows, columns):  # type: ignore[no-untyped-def]
     """Compute the largest height of the drawn faces in each cell, shape (rows, columns).
 
     `seen`, shape (n, 3), is the horizontal, the vertical position and the height of each vertex.
@@ -136,7 +142,7 @@ def heights_of(seen, faces, drawn, low, cell, rows, columns):  # type: ignore[no
     cells = np.full((len(seen), 2), -32768, np.int16)
     for v in range(len(seen)):
         if drawn[v]:
-            row, column = (seen[v, 1] - low[1]) / cell, (seen[v, 0] - low[0]) / cell
+            row, column = (seen[v, 1] - low[1]) / CELL, (seen[v, 0] - low[0]) / CELL
             cells[v, 0] = i = int(np.floor(min(max(row, -32000.0), 32000.0)))
             cells[v, 1] = j = int(np.floor(min(max(column, -32000.0), 32000.0)))
             if 0 <= i < rows and 0 <= j < columns:
@@ -157,8 +163,8 @@ def heights_of(seen, faces, drawn, low, cell, rows, columns):  # type: ignore[no
             for j in range(pieces + 1 - i):
                 p, q = i / pieces, j / pieces
                 r = 1.0 - p - q
-                x = (p * seen[a, 0] + q * seen[b, 0] + r * seen[c, 0] - low[0]) / cell
-                y = (p * seen[a, 1] + q * seen[b, 1] + r * seen[c, 1] - low[1]) / cell
+                x = (p * seen[a, 0] + q * seen[b, 0] + r * seen[c, 0] - low[0]) / CELL
+                y = (p * seen[a, 1] + q * seen[b, 1] + r * seen[c, 1] - low[1]) / CELL
                 if 0.0 <= x < columns and 0.0 <= y < rows:
                     z = p * seen[a, 2] + q * seen[b, 2] + r * seen[c, 2]
                     heights[int(y), int(x)] = max(heights[int(y), int(x)], z)

@@ -15,10 +15,6 @@ from meshmash_viewer.surface.rays import RayTarget, curve_order
 
 #: Whether each vertex is selected, shape (n,).
 Mask: TypeAlias = npt.NDArray[np.bool_]
-#: Side of the cells in which heights are compared, in pixels.
-_CELL = 3.0
-#: Largest slope of a surface against the screen, within a cell.
-_STEEPEST = 5.0
 
 
 def grown(mesh: Mesh, mask: Mask) -> Mask:
@@ -163,24 +159,6 @@ def within_polygon(seen: npt.NDArray[np.floating], polygon: FloatArray) -> Mask:
     return np.asarray(in_picture(seen, low, np.asarray(drawn)))
 
 
-def visible(
-    seen: npt.NDArray[np.float32],
-    faces: IntArray,
-    facing: npt.NDArray[np.floating],
-    chosen: Mask,
-    drawn: Mask,
-) -> Mask:
-    """Return a mask of chosen vertices that face the eye and that no face covers, shape (n,).
-
-    `seen` and `facing` are attributes of a `Projection`. A face is drawn if its three corners are
-    drawn; faces of at most `_CELL` pixels may be left out. Heights are compared in cells of three
-    pixels, so that a steep surface does not cover itself.
-    """
-    from meshmash_viewer.surface.kernels import visible_of
-
-    return np.asarray(visible_of(seen, faces, facing, chosen, drawn, _CELL, _STEEPEST))
-
-
 def prepared(mesh: Mesh) -> Geodesics:
     """Return the `Geodesics` of a mesh; compile or load the loops of brush and lasso before."""
     points = np.clip(mesh.vertices, *mesh.bounds) - mesh.bounds.mean(axis=0)
@@ -214,13 +192,14 @@ def lasso(
     Vertices in `hidden` are left out and cover no others. With `target`, the search structure for
     rays of the same points and faces, only large faces are read.
     """
+    from meshmash_viewer.surface.kernels import CELL, visible
+
     drawn = mesh.referenced if hidden is None else mesh.referenced & ~hidden
     chosen = within_polygon(projection.seen, polygon) & drawn
     if through:
         return chosen
-    pixels = _CELL * projection.pixel
-    faces = mesh.faces if target is None else target.larger_faces(pixels)
-    return visible(projection.seen, faces, projection.facing, chosen, drawn)
+    faces = mesh.faces if target is None else target.larger_faces(CELL * projection.pixel)
+    return np.asarray(visible(projection.seen, faces, projection.facing, chosen, drawn))
 
 
 def component(mesh: Mesh, vertex: int) -> Mask:
