@@ -173,7 +173,12 @@ def train_classes(
 ) -> ClassModel:
     """Learn classes from the labels of some vertices of one or several meshes.
 
-    Of more than 20,000 labelled vertices, an evenly drawn subset of 20,000 is used.
+    Of more than 20,000 labelled vertices, an evenly drawn subset of 20,000 is used. A `MeshWarning`
+    is given for columns that are constant at the labelled vertices.
+
+    `InputError` is raised if scikit-learn is not installed, labels do not fit the mesh or are not
+    whole numbers, there are fewer than two classes or fewer than five labelled vertices of a class,
+    all columns are constant at the labelled vertices, or one of several meshes has no unit.
 
     Parameters
     ----------
@@ -200,18 +205,6 @@ def train_classes(
         vertices would give useless scores, as neighbouring vertices are nearly equal.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
-
-    Raises
-    ------
-    InputError
-        If scikit-learn is not installed, labels do not fit the mesh or are not whole numbers, there
-        are fewer than two classes or fewer than five labelled vertices of a class, all columns are
-        constant at the labelled vertices, or one of several meshes has no unit of length.
-
-    Warns
-    -----
-    MeshWarning
-        For columns that are constant at the labelled vertices.
 
     References
     ----------
@@ -281,6 +274,11 @@ def predict_classes(
 ) -> ClassPrediction:
     """Predict the class of every vertex of a mesh.
 
+    `InputError` is raised if the mesh or the model has no unit of length, a column of the model is
+    missing in `features`, or `domains` does not have one value for each vertex. A `MeshWarning` is
+    given if the triangles are much larger or smaller than those of the training meshes, and columns
+    depend on their size.
+
     Parameters
     ----------
     mesh : MeshLike
@@ -298,18 +296,6 @@ def predict_classes(
         Whether to warn of the remarks, which are also in `ClassPrediction.remarks`.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
-
-    Raises
-    ------
-    InputError
-        If the mesh or the model has no unit of length, a column of the model is missing in
-        `features`, or `domains` does not have one value for each vertex.
-
-    Warns
-    -----
-    MeshWarning
-        If the triangles are much larger or smaller than those of the training meshes, and columns
-        depend on their size.
 
     Examples
     --------
