@@ -212,7 +212,7 @@ class Restoration:
         if part is not None:
             document.take_part(part)
         document.classes.restore(self._classes)
-        document.labels.restore(session.label_set)
+        document.labels.choose(session.label_set, displayed=False)
         document.maps.open([Path(each) for each in session.maps], shown=False)
         document.maps.sort(session.map_names)
         document.points.restore(session.points)

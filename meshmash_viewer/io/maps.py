@@ -120,7 +120,6 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
         the name of a map: "maps.npz:thickness". A condition on the values with >, >=, < or <= may
         be last: "lh.thickness>0.5", "maps.npz:thickness<=2"; NaN does not meet a condition.
     mesh : MeshLike
-        The mesh of the mask.
 
     Examples
     --------
@@ -158,7 +157,6 @@ def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
         "maps.npz:lobes". The name is needed unless the file has a single map, or a single map with
         labels.
     mesh : MeshLike
-        The mesh of the labels.
 
     Examples
     --------

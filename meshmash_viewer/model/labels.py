@@ -104,15 +104,11 @@ class Labels:
     def _is_predicted(self, known: VertexMap) -> bool:
         return bool(_PREDICTED.fullmatch(known.name)) and self._maps.is_made_here(known)
 
-    def choose(self, name: str) -> None:
-        """Make a set the current one, and display it."""
+    def choose(self, name: str, *, displayed: bool = True) -> None:
+        """Make a set the current one, and display it; the mesh may get the set later."""
         self._chosen = name
-        self._maps.show(name)
-        self.changed.emit()
-
-    def restore(self, name: str) -> None:
-        """Make a set of a session the current one; the set may be added to the mesh later."""
-        self._chosen = name
+        if displayed:
+            self._maps.show(name)
         self.changed.emit()
 
     def _follow(self) -> None:
@@ -226,10 +222,9 @@ class Labels:
             ]
         changing &= ~kept
         if n_given := int(np.count_nonzero(changing)):
-            what, how = "removal from labels", "taken out of the labels"
-            if key is not None:
-                what, how = "labels", f"given to {self._label(key).name}"
-            self._change(what, values=np.where(changing, to, known.values))
+            step = "removal from labels" if key is None else "labels"
+            self._change(step, values=np.where(changing, to, known.values))
+            how = "taken out of the labels" if key is None else f"given to {self._label(key).name}"
             if not self.current_is_displayed:  # the change is not visible
                 said += [f"{counted(n_given, 'vertex')} {how} of {known.name}"]
         if said:
@@ -238,8 +233,7 @@ class Labels:
     @_said
     def assign_nth(self, number: int) -> None:
         """Assign the selected vertices to the label at a position of the list, from 1."""
-        known = self.current
-        labels = () if known is None else known.labels
+        labels = () if self.current is None else self.current.labels
         if number > len(labels):
             has = f"are {counted(len(labels), 'label')}" if labels else "is no label set"
             raise InputError(
@@ -293,9 +287,8 @@ class Labels:
 
     def _drop_regions(self) -> None:
         mesh = self._opened.mesh
-        if self.regions is not None and (
-            mesh is None or self.regions.mesh.vertices is not mesh.vertices
-        ):
+        before = None if self.regions is None else self.regions.mesh.vertices
+        if before is not None and (mesh is None or mesh.vertices is not before):
             self.regions = self.regions_of = self.measured = None
             self.changed.emit()
 
@@ -303,17 +296,15 @@ class Labels:
 
     @property
     def _set(self) -> VertexMap:
-        known = self.current
-        if known is None:
+        if (known := self.current) is None:
             raise InputError("There is no label set: make one with New label.")
         return known
 
     def _label(self, key: int) -> Label:
-        known = self._set
-        for label in known.labels:
+        for label in self._set.labels:
             if label.key == key:
                 return label
-        raise InputError(f"{known.name} has no label of number {key}: choose another.")
+        raise InputError(f"{self._set.name} has no label of number {key}: choose another.")
 
     def _mask(self, keys: Collection[int]) -> npt.NDArray[np.bool_]:
         """Return the mask of the vertices with some labels, shape (n,)."""
@@ -370,5 +361,5 @@ def label_sizes(mesh: Mesh, known: VertexMap, hidden: Mask | None = None) -> Lab
 def _free_color(labels: Sequence[Label]) -> str:
     """Return the first unused colour of `PIN_COLORS`; repeat colours if all are used."""
     taken = {label.color.upper() for label in labels}
-    free = [color for color in PIN_COLORS if color not in taken]
-    return free[0] if free else PIN_COLORS[len(labels) % len(PIN_COLORS)]
+    free = (color for color in PIN_COLORS if color not in taken)
+    return next(free, PIN_COLORS[len(labels) % len(PIN_COLORS)])

@@ -208,10 +208,9 @@ class ImportancePlot(Plot):
     def dress(self) -> None:
         super().dress()
         for kind, curve in self._curves.items():
-            shade = _color(kind)
-            curve.setPen(solid(shade, 1.6))
+            curve.setPen(solid(_color(kind), 1.6))
             curve.setSymbolPen(None)
-            curve.setSymbolBrush(color(shade))
+            curve.setSymbolBrush(color(_color(kind)))
 
 
 def _color(kind: str) -> str:

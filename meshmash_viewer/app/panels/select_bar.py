@@ -51,10 +51,10 @@ class SelectBar(QToolBar):
             tip="Also select vertices that are hidden by others",
         )  # fmt: skip
         self.low, self.high = (
-            NumberField(f"select_{name}", f"{text} end of the range", tip=tip)
-            for name, text, tip in (
-                ("low", "Lower", "Lower end of the range; – for no lower end"),
-                ("high", "Upper", "Upper end of the range; – for no upper end"),
+            NumberField(f"select_{name}", text, tip=f"{text}; – for none")
+            for name, text in (
+                ("low", "Lower end of the range"),
+                ("high", "Upper end of the range"),
             )
         )
         self.low.fault = lambda low: self._fault(low, self._tool.range[1])
