@@ -10,13 +10,7 @@ import numpy as np
 
 from meshmash_viewer.cli.arguments import in_unit, made_with
 from meshmash_viewer.cli.batch import Report, for_each, prepared, read, solved, with_maps
-from meshmash_viewer.cli.outputs import (
-    check_map_outputs,
-    folder_of,
-    output_paths,
-    output_remarks,
-    write_maps,
-)
+from meshmash_viewer.cli.outputs import map_outputs, output_remarks, write_maps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     check_comparable,
@@ -38,9 +32,7 @@ def carry(options: Namespace) -> int:
         raise InputError(
             "carry takes the mesh with the maps, followed by the meshes that receive them."
         )
-    outputs = output_paths(options.mesh[1:], options.output, "maps", f".{options.format}")
-    with folder_of(options.output):
-        check_map_outputs(outputs)
+    with map_outputs(options, options.mesh[1:], "maps") as outputs:
         return _carry_to(outputs, options)
 
 

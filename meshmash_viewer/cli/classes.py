@@ -23,13 +23,7 @@ from meshmash_viewer.cli.batch import (
     titled_rows,
     watched,
 )
-from meshmash_viewer.cli.outputs import (
-    check_map_outputs,
-    folder_of,
-    output_paths,
-    output_remarks,
-    write_maps,
-)
+from meshmash_viewer.cli.outputs import map_outputs, output_remarks, write_maps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.io.condensed import read_condensed_features
@@ -139,11 +133,9 @@ def _described(model: ClassModel, path: Path) -> str:
 def predict(options: Namespace) -> int:
     """Predict classes of vertices by a model, and write classes and probabilities."""
     model = _read_once(options.model)
-    outputs = output_paths(options.mesh, options.output, "classes", f".{options.format}")
     operator = model.columns.operator
     options.no_robust, options.mollify_factor = not operator.robust, operator.mollify_factor
-    with folder_of(options.output):
-        check_map_outputs(outputs)
+    with map_outputs(options, options.mesh, "classes") as outputs:
         return for_each(
             options,
             lambda mesh, at, own: _write_predicted(mesh, at, outputs[at], own),

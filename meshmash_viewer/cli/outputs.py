@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -80,10 +81,17 @@ def folder_of(output: str) -> contextlib.AbstractContextManager[Any]:
     return made_folder(Path(output)) if is_folder(output) else contextlib.nullcontext()
 
 
-def check_map_outputs(paths: Sequence[Path]) -> None:
-    """Raise `InputError` if maps cannot be written to one of the files."""
-    for path in paths:
-        check_output(path, "labels" if _of_labels(path) else "features")
+@contextlib.contextmanager
+def map_outputs(options: Namespace, meshes: list[Path], kind: str) -> Iterator[list[Path]]:
+    """Yield the files for the maps of each mesh, in a folder that is created if needed.
+
+    `InputError` is raised as by `output_paths`, or if maps cannot be written to one of the files.
+    """
+    paths = output_paths(meshes, options.output, kind, f".{options.format}")
+    with folder_of(options.output):
+        for path in paths:
+            check_output(path, "labels" if _of_labels(path) else "features")
+        yield paths
 
 
 def write_maps(
