@@ -6,6 +6,7 @@ import threading
 import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -20,7 +21,7 @@ from meshmash_viewer.model.classes import ClassesJob, Classified
 from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob, PinExportJob
-from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob, RegionsJob
+from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob, ReadJob, RegionsJob
 from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of, notice_of
 from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, PartReady, RegionsReady, Written
 from meshmash_viewer.model.pieces import PiecesJob
@@ -195,6 +196,8 @@ class BackgroundIO(QObject):
         self._document = document
         self._pool = QThreadPool(self, maxThreadCount=1)
         self._waiting = 0
+        self._failures: list[Failure] = []
+        self._remarks: list[str] = []
         self._done.connect(self._end, Qt.ConnectionType.QueuedConnection)
         document.maps.requested.connect(self.read_maps)
 
@@ -214,8 +217,7 @@ class BackgroundIO(QObject):
             except Cancelled:
                 finish(lambda _: self._document.notices.say(f"Cancelled: {doing}."), None)
             except Exception as fault:  # noqa: BLE001  shown in the message bar
-                failure = failure_of(fault, doing)
-                finish(lambda _: self._document.notices.show(notice_of(failure)), None)
+                finish(self._failures.append, failure_of(fault, doing))
             else:
                 finish(then, result)
 
@@ -227,7 +229,7 @@ class BackgroundIO(QObject):
         self._pool.start(task)
 
     def read_maps(self, paths: tuple[Path, ...], shown: bool, labels: bool) -> None:
-        """Read maps or label sets for the open mesh; show a message for each unreadable file."""
+        """Read maps or label sets for the open mesh; one message names all unreadable files."""
         from meshmash_viewer.io.maps import maps_and_remarks
 
         document, mesh = self._document, self._document.mesh
@@ -241,17 +243,15 @@ class BackgroundIO(QObject):
                 try:
                     found, said = maps_and_remarks(path, mesh)
                     maps += found
-                    remarks.extend(said)
-                except Exception as fault:  # noqa: BLE001  shown below
+                    remarks.extend(said if shown else ())
+                except Exception as fault:  # noqa: BLE001  shown once idle
                     faults.append(failure_of(fault, f"Reading {path.name}"))
             return maps
 
         def take(maps: list[VertexMap]) -> None:
             document.maps.add(mesh, maps, shown=shown, labels=labels)
-            for failure in faults:
-                document.notices.show(notice_of(failure))
-            if shown and remarks:
-                document.notices.say(" ".join(remarks), Severity.WARNING)
+            self._failures += faults
+            self._remarks += remarks
 
         def say() -> None:
             if not self.idle:
@@ -271,7 +271,20 @@ class BackgroundIO(QObject):
     def _end(self, then: Callable[[Any], object], result: object) -> None:
         self._waiting -= 1
         then(result)
+        if self.idle:
+            self._show_failures()
         self._document.notices.review()
+
+    def _show_failures(self) -> None:
+        """Show all failures and remarks of the tasks since the last idle moment in one message."""
+        failures, self._failures = self._failures, []
+        remarks, self._remarks = self._remarks, []
+        text = " ".join([*(failure.text for failure in failures), *remarks])
+        if failures:
+            details = "\n".join(filter(None, (failure.details for failure in failures)))
+            self._document.notices.show(notice_of(Failure(text, details)))
+        elif remarks:
+            self._document.notices.say(text, Severity.WARNING)
 
 
 def say_saved(document: Document, text: str, path: Path) -> None:
@@ -439,6 +452,9 @@ class Tasks(QObject):
         return Notice(result.remark, Severity.WARNING) if result.remark else None, False
 
     def _on_failed(self, failure: Failure) -> None:
+        if isinstance(self.job, ReadJob) and self._document.following:
+            names = ", ".join(path.name for path in self._document.following)
+            failure = replace(failure, text=f"{failure.text} Not opened either: {names}.")
         self._end(notice_of(failure))
 
     def _on_cancelled(self, _: None) -> None:

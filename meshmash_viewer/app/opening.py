@@ -112,7 +112,7 @@ class Opening(QObject):
             second = self.pair.second if as_second and self.pair is not None else None
             (second or self.document).maps.open(maps)
         elif others[0].name.endswith(SESSION_ENDING):
-            self.restore_session(others[0])
+            self.restore_session(others[0], maps)
         elif as_second:
             self.open_second(others[0], maps)
         elif len(others) == 2:
@@ -121,10 +121,12 @@ class Opening(QObject):
             theirs = [path for path in maps if apart and brain_side("", path.name) == side]
             self._waiting = (others[0], others[1], theirs)
             self.read(others[0], maps=[path for path in maps if path not in theirs])
+            self.document.following = others[1], *maps
         else:
             self.read(others[0], maps=maps)
-        if len(others) > 1 + (self._waiting is not None):
-            self.document.notices.say(f"Opening {others[0].name}; two meshes at most.")
+        if left := ", ".join(path.name for path in others[1 + (self._waiting is not None) :]):
+            text = f"Opening {others[0].name} without {left}: open two meshes, or one session."
+            self.document.notices.show(Notice(text, Severity.WARNING, holds=lambda: True))
 
     def _open_waiting(self) -> None:
         """Open the second of two meshes opened together, once the first mesh is open."""
@@ -317,9 +319,10 @@ class Opening(QObject):
         if path:
             self.restore_session(Path(path))
 
-    def restore_session(self, path: Path) -> None:
+    def restore_session(self, path: Path, maps: Sequence[Path] = ()) -> None:
+        """Restore a session file, and add maps from further files."""
         try:
-            restoration = Restoration(self.document, path)
+            restoration = Restoration(self.document, path, maps=maps)
         except InputError as fault:
             self.document.notices.say(str(fault), Severity.ERROR)
             return

@@ -118,6 +118,8 @@ class Document(OpenMesh):
         self._preview: Eigenpairs | None = None
         #: A mesh file that is being read, and the files of maps to read after it.
         self._maps_of: tuple[Path, tuple[Path, ...]] | None = None
+        #: Files to open after the mesh that is being read, which a failure of reading leaves out.
+        self.following: tuple[Path, ...] = ()
 
     @property
     def hidden(self) -> npt.NDArray[np.bool_] | None:
@@ -164,6 +166,7 @@ class Document(OpenMesh):
         """
         path = Path(path).absolute()  # for notices and scripts
         self._maps_of = (path, tuple(maps)) if maps else None
+        self.following = tuple(maps)
         operator = operator or self.solve.operator
         self.work.request(ReadJob(path, unit, operator, tuple(repairs), source))
 

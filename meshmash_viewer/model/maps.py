@@ -104,7 +104,7 @@ class Maps:
         For `shown` and `labels` see `add`.
         """
         if self._opened.ready is None:
-            names = " and ".join(path.name for path in paths[:2]) or "a map"
+            names = ", ".join(path.name for path in paths) or "a map"
             text = f"There is no mesh to put {names} on: open the mesh first, then its maps."
             self._notices.say(text, Severity.WARNING)
         elif paths:

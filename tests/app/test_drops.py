@@ -128,6 +128,48 @@ def test_the_right_half_opens_the_second_mesh(
     assert not window.document.mesh.maps
 
 
+def test_each_file_that_is_left_out_is_named(
+    qtbot: QtBot, window: MainWindow, files: dict, tmp_path: Path
+) -> None:
+    bad = [tmp_path / name for name in ("one.npy", "two.csv", "three.npy", "four.csv")]
+    for path in bad:
+        path.write_text("depth\n1\n2\n")
+        if path.suffix == ".npy":
+            np.save(path, np.arange(7.0))
+
+    def shown() -> str:
+        return window.stage.message_bar.notice.text if window.stage.message_bar.notice else ""
+
+    drop(window, *bad, share=0.5)
+    assert "There is no mesh to put one.npy, two.csv, three.npy, four.csv on" in shown()
+    broken, unread = tmp_path / "broken.ply", tmp_path / "unread.ply"
+    for path in (broken, unread):
+        path.write_text("ply\nnothing\n")
+    drop(window, broken, files["map"], bad[0], share=0.5)
+    text = "Not opened either: lh.depth.npy, one.npy."
+    qtbot.waitUntil(lambda: text in shown(), timeout=PATIENCE)
+    assert f"{broken} has a header without an end" in shown()
+    drop(window, broken, files["ball"], files["map"], share=0.5)
+    text = "Not opened either: ball.npz, lh.depth.npy."
+    qtbot.waitUntil(lambda: text in shown(), timeout=PATIENCE)
+    drop(window, files["ball"], files["other"], unread, share=0.2)
+    qtbot.waitUntil(lambda: "Opening ball.npz without other.npz, unread.ply" in shown())
+    opened(qtbot, window, files["ball"])
+    drop(window, bad[0], files["map"], *bad[1:], share=0.5)
+    qtbot.waitUntil(lambda: bool(window.document.mesh.maps), timeout=PATIENCE)
+    qtbot.waitUntil(lambda: all(str(path) in shown() for path in bad), timeout=PATIENCE)
+    assert [each.name for each in window.document.mesh.maps] == ["lh.depth.npy"]
+    window.opening.store_session(files["session"])
+    window.document.open_mesh(files["other"])
+    opened(qtbot, window, files["other"])
+    np.save(further := tmp_path / "further.npy", np.arange(162.0))
+    drop(window, files["session"], further, unread, share=0.5)
+    assert "Opening work.meshmash.json without unread.ply: open two meshes, or one" in shown()
+    opened(qtbot, window, files["ball"])
+    qtbot.waitUntil(lambda: len(window.document.mesh.maps) == 2, timeout=PATIENCE)
+    assert {each.name for each in window.document.mesh.maps} == {"lh.depth.npy", "further.npy"}
+
+
 @pytest.mark.slow
 def test_two_meshes_are_compared_each_with_its_maps(
     qtbot: QtBot, window: MainWindow, files: dict, tmp_path: Path
