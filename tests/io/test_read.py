@@ -739,7 +739,15 @@ def test_npz_of_other_things(tmp_path: Path) -> None:
     assert "has an array vertices of Python objects; save it" in fault_of(tmp_path / "objects.npz")
 
 
-@pytest.mark.parametrize("names", [("verts", "faces"), ("points", "triangles"), ("V", "F")])
+NAMES = [
+    *(("verts", "faces"), ("points", "triangles"), ("V", "F"), ("v", "f"), ("X", "T")),
+    *(("coord", "tri"), ("VERT", "TRIV"), ("Vertices", "Faces"), ("pos", "face"), ("rr", "tris")),
+    *(("pts", "elements"), ("V", "T"), ("Coords", "F")),
+]
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("names", NAMES)
 @pytest.mark.parametrize("transposed", [False, True])
 def test_npz_arrays_of_other_names_and_orders(
     names: tuple[str, str], transposed: bool, tmp_path: Path
@@ -747,6 +755,8 @@ def test_npz_arrays_of_other_names_and_orders(
     path, height = tmp_path / "a.npz", VERTICES[:, 2]
     arrays = [np.asfortranarray(VERTICES).astype(">f4"), FACES.astype(float)]
     arrays = [each.T if transposed else each for each in arrays]
+    if names == ("pos", "face"):
+        arrays[1] = FACES.astype(float).T  # always transposed, as in PyTorch Geometric
     np.savez(path, height=height, **dict(zip(names, arrays, strict=True)))
     mesh = read_mesh(path)
     np.testing.assert_array_equal(mesh.vertices, VERTICES)
@@ -756,6 +766,18 @@ def test_npz_arrays_of_other_names_and_orders(
     assert [each.name for each in read_maps(path, mesh)] == ["height"]
     np.savez(path, pos=VERTICES, face=FACES[:3].T)
     np.testing.assert_array_equal(read_mesh(path).faces, FACES[:3])
+
+
+@pytest.mark.usefixtures("read_here")
+def test_npz_arrays_with_one_of_the_names_of_a_mesh_are_maps(tmp_path: Path) -> None:
+    path, values = tmp_path / "a.npz", VERTICES[:, 2]
+    for names in (("f", "height"), ("X", "depth"), ("v", "T"), ("vertices", "f")):
+        np.savez(path, **dict.fromkeys(names, values))
+        assert is_map_file(path)
+        found = {each.name for each in read_maps(path, (VERTICES, FACES))}
+        assert found == set(names) - {"vertices"}
+    np.savez(path, F=FACES, V=VERTICES, f=values)
+    assert [each.name for each in read_mesh(path).maps] == ["f"]
 
 
 QUADS = np.array([[0, 2, 1, 3], [4, 1, 5, 0]])  # sections in the xy and xz planes

@@ -28,9 +28,15 @@ from meshmash_viewer.vertex_map import Label
 
 #: Arrays with one entry per eigenpair in exports of this program.
 _NOT_READ = ("eigenvalues", "eigenvectors", "residuals")
-#: Names of the arrays of a mesh, in this order of preference; most are of other programs.
-_VERTICES = ("vertices", "verts", "points", "coords", "coordinates", "positions", "pos", "xyz", "V")
-_FACES = ("faces", "triangles", "tris", "simplices", "cells", "face", "F")
+#: Names of the arrays of a mesh in any case, in this order of preference; most are of other
+#: programs.
+_VERTICES = (
+    *("vertices", "verts", "vert", "points", "pts", "coords", "coord", "coordinates", "positions"),
+    *("pos", "xyz", "nodes", "rr"),
+)
+_FACES = (*("faces", "triangles", "tris", "tri", "triv", "simplices", "cells", "elements", "face"),)
+#: Short names of both arrays, which are accepted only together.
+_SHORT = (("V", "F"), ("v", "f"), ("X", "T"), ("V", "T"))
 #: Arrays that describe the label numbers in the array ``labels`` in exports of this program.
 _LABELS = ("label_numbers", "label_names", "label_colors")
 
@@ -67,10 +73,12 @@ def read_npz(path: Path) -> RawMesh:
 
 def _mesh_names(names: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the arrays of vertices and of faces; empty unless both are present."""
-    known = set(names)
-    found = (next((name for name in each if name in known), "") for each in (_VERTICES, _FACES))
-    both = tuple(found)
-    return both if all(both) else ()
+    exact = {name: name for name in names}
+    known = {name.lower(): name for name in exact if len(name) > 1} | exact
+    long = (*_VERTICES, "V"), (*_FACES, "F")
+    both = tuple(next((known[name] for name in each if name in known), "") for each in long)
+    short = (each for each in _SHORT if known.keys() >= set(each))
+    return both if all(both) else next(short, ())
 
 
 def npz_limits(path: Path) -> ReadLimits | None:
