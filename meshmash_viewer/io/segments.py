@@ -189,9 +189,14 @@ def _read(link: MeshLink, note: _Note) -> RawMesh:
     from cloudvolume import CloudVolume
 
     is_graphene = link.source.startswith("graphene")
-    if not is_graphene:
-        _check_info(link.source.partition("://")[2])
-    source = CloudVolume(link.source, progress=False).mesh
+    layer, _, folder = link.source.rstrip("/").rpartition("/")
+    if is_graphene or not _is_mesh_folder(link.source.partition("://")[2]):
+        source = CloudVolume(link.source, progress=False).mesh
+    else:  # cloud-volume reads meshes of layers alone: describe a layer around the folder
+        info = CloudVolume.create_new_info(
+            1, "segmentation", "uint64", "raw", (1, 1, 1), (0, 0, 0), (1, 1, 1), mesh=folder
+        )
+        source = CloudVolume(layer, info=info, progress=False).mesh
     if is_graphene:
         found = source.get(link.segment)
         mesh, n_fragments = found[link.segment] if isinstance(found, dict) else found, 2
@@ -202,7 +207,11 @@ def _read(link: MeshLink, note: _Note) -> RawMesh:
     return _joined(mesh.vertices, mesh.faces, n_fragments)
 
 
-def _check_info(place: str) -> None:
+def _is_mesh_folder(place: str) -> bool:
+    """Return whether a place is a folder of meshes; False for a layer with meshes.
+
+    `SegmentFault` is raised if it is neither.
+    """
     import requests
     from cloudfiles import CloudFiles
 
@@ -214,15 +223,18 @@ def _check_info(place: str) -> None:
     if not isinstance(info, dict):
         raise SegmentFault("belongs to no layer; check the link, whose folder has no file info.")
     if info.get("@type") in ("neuroglancer_legacy_mesh", "neuroglancer_multilod_draco"):
-        raise SegmentFault(
-            "is in a folder of meshes that is no layer; give the link of the layer whose info names"
-            " this folder as its mesh, or export the mesh as PLY."
-        )
+        if not place.partition("://")[2].strip("/").count("/"):
+            raise SegmentFault(
+                "is a folder of meshes at the top of its server or bucket, which cloud-volume"
+                " cannot read; give the link of the layer whose info names this folder as its mesh."
+            )
+        return True
     if not info.get("mesh"):
         raise SegmentFault(
             "belongs to a layer without meshes (its info names no folder of them); take a layer of"
             " segments that Neuroglancer shows in 3D."
         )
+    return False
 
 
 def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:

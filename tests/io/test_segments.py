@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.server
 import json
 import os
+import shutil
 import socket
 import sys
 import threading
@@ -142,6 +143,20 @@ def test_transform_and_one_fragment_are_kept_as_they_are(tmp_path: Path) -> None
     assert np.array_equal(read(folder).vertices, 2.0 * FINE.vertices + [5.0, 0.0, 0.0])
 
 
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("layout", ["fragments", "draco", "levels", "sharded"])
+def test_a_folder_of_meshes_without_a_layer(
+    layers: dict[str, Path], layout: str, tmp_path: Path
+) -> None:
+    shutil.copytree(layers[layout] / "mesh", folder := tmp_path / "meshes of a cell")
+    for lod in (None, 1) if layout in ("levels", "sharded") else (None,):
+        expected, mesh = read(layers[layout], lod=lod), read(folder, lod=lod)
+        assert np.array_equal(mesh.vertices, expected.vertices)
+        assert np.array_equal(mesh.faces, expected.faces)
+        assert mesh.unit == "nm"
+    assert "has no mesh; check the id" in fault_of(source(folder), 12)
+
+
 # -- faults --------------------------------------------------------------------------------------
 
 
@@ -155,10 +170,6 @@ def test_missing_segment(layers: dict[str, Path], layout: str) -> None:
 @pytest.mark.usefixtures("read_here")
 def test_layer_without_meshes_or_info_or_folder(tmp_path: Path) -> None:
     assert "layer without meshes" in fault_of(source(write_layer(tmp_path / "bare")))
-    for kind in ("neuroglancer_legacy_mesh", "neuroglancer_multilod_draco"):
-        (tmp_path / kind).mkdir()
-        (tmp_path / kind / "info").write_text(json.dumps({"@type": kind}))
-        assert "the layer whose info names this folder" in fault_of(source(tmp_path / kind))
     (tmp_path / "empty").mkdir()
     assert "has no file info" in fault_of(source(tmp_path / "empty"))
     assert "folder does not exist" in fault_of(source(tmp_path / "nowhere"))
