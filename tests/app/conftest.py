@@ -17,6 +17,7 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app import listening, theme
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.panels.field_panel import FieldPanel
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view import frames
 from meshmash_viewer.io import raw
@@ -104,6 +105,16 @@ def bring_up(window: MainWindow, size: tuple[int, int] | None, qtbot: QtBot) -> 
     qtbot.waitUntil(lambda: window.controller.idle)
 
 
+def reset_display(document: Document) -> None:
+    """Reset what a document displays to the defaults, without a step of its history."""
+    first = Display()
+    with document.history.paused():
+        document.display.put(*first.fields.values())
+        for each in fields(Display):
+            if each.name != "fields":
+                setattr(document.display, each.name, getattr(first, each.name))
+
+
 def start_afresh(window: MainWindow, shown: Document | None, qtbot: QtBot) -> None:
     """Reset a window to its defaults and show another mesh with its eigenpairs."""
     document = window.document
@@ -116,12 +127,7 @@ def start_afresh(window: MainWindow, shown: Document | None, qtbot: QtBot) -> No
     window.select_tool.mode = "brush"
     window.select_tool.through = window.select_tool.connected = False
     window.select_tool.select(False)
-    first = Display()
-    with document.history.paused():
-        document.display.put(*first.fields.values())
-        for each in fields(Display):
-            if each.name != "fields":
-                setattr(document.display, each.name, getattr(first, each.name))
+    reset_display(document)
     document.solve.operator, document.solve.target = OperatorOptions(), DEFAULT_TARGET
     document.solve.seconds_rate = None
     if shown is not None:
@@ -132,6 +138,48 @@ def start_afresh(window: MainWindow, shown: Document | None, qtbot: QtBot) -> No
     window.stage.message_bar.dismiss()
     window.stage.setFocus()
     catch_up()
+
+
+@pytest.fixture(scope="module")
+def kept_document() -> Document:
+    """Return the document of the panel of `reopen_panel`."""
+    return Document()
+
+
+@pytest.fixture(scope="module")
+def kept_panel(qapp: QApplication, kept_document: Document) -> Iterator[FieldPanel]:
+    """Return a field panel shared by the tests of a module."""
+    panel = FieldPanel(kept_document)
+    panel.resize(340, 760)
+    panel.show()
+    yield panel
+    panel.close()
+    panel.deleteLater()
+
+
+@pytest.fixture
+def reopen_panel(
+    kept_panel: FieldPanel, kept_document: Document
+) -> Iterator[Callable[[Document], FieldPanel]]:
+    """Return a function that shows the mesh and the eigenpairs of a document in a shared panel.
+
+    A new panel takes 0.4 s. Letters typed into lists by two tests are not one word.
+    """
+    interval = QApplication.keyboardInputInterval()
+    QApplication.setKeyboardInputInterval(0)
+
+    def reopen(shown: Document) -> FieldPanel:
+        reset_display(kept_document)
+        kept_document.accept_mesh(shown.ready)
+        kept_document.accept_spectrum(shown.spectrum)
+        kept_document.solve.operator = OperatorOptions()
+        kept_document.solve.target = DEFAULT_TARGET
+        kept_panel.activateWindow()
+        catch_up()
+        return kept_panel
+
+    yield reopen
+    QApplication.setKeyboardInputInterval(interval)
 
 
 @pytest.fixture(scope="module")

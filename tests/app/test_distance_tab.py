@@ -7,11 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from closed_form import part, rectangle_document, shown
+from closed_form import part, rectangle_document
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QCheckBox, QLabel
 from pytestqt.qtbot import QtBot
+from tiers import slow_but
 
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.panels.field_panel import FieldPanel
@@ -34,15 +35,15 @@ pytestmark = pytest.mark.usefixtures("shown_at_once")
 
 
 @pytest.fixture
-def document() -> Document:
-    document = rectangle_document()
-    document.display.kind = "distance"
-    return document
+def panel(reopen_panel, kept_document: Document) -> FieldPanel:
+    panel = reopen_panel(rectangle_document())
+    kept_document.display.kind = "distance"
+    return panel
 
 
 @pytest.fixture
-def panel(qtbot, document: Document) -> FieldPanel:
-    return shown(qtbot, FieldPanel(document), 340, 760)
+def document(panel: FieldPanel, kept_document: Document) -> Document:
+    return kept_document
 
 
 def test_without_a_pin_it_says_what_to_do_and_what_is_shown(
@@ -93,7 +94,7 @@ def wanted(document: Document, name: str, time: float = 1.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", MEASURES)
-@pytest.mark.parametrize("prepared", [True, False])
+@pytest.mark.parametrize("prepared", slow_but([True], [True, False]))
 def test_each_is_the_librarys(
     panel: FieldPanel, document: Document, name: str, prepared: bool
 ) -> None:

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from closed_form import give, part, rectangle_document, rectangle_spectrum, shown, turn_wheel
+from closed_form import give, part, rectangle_document, rectangle_spectrum, turn_wheel
 from PySide6.QtCore import QPoint, Qt, QUrl
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from scipy.linalg import eigh
+from tiers import slow, slow_but
 
 from meshmash_viewer.app.dialogs.help_dialog import PageDialog
 from meshmash_viewer.app.listening import catch_up
@@ -45,13 +46,13 @@ pytestmark = pytest.mark.usefixtures("shown_at_once")
 
 
 @pytest.fixture
-def document() -> Document:
-    return rectangle_document(twins=slice(12, 16))
+def panel(reopen_panel) -> FieldPanel:
+    return reopen_panel(rectangle_document(twins=slice(12, 16)))
 
 
 @pytest.fixture
-def panel(qtbot, document: Document) -> FieldPanel:
-    return shown(qtbot, FieldPanel(document), 340, 760)
+def document(panel: FieldPanel, kept_document: Document) -> Document:
+    return kept_document
 
 
 def choose(panel: FieldPanel, tab: int) -> None:
@@ -321,10 +322,10 @@ def test_an_end_beyond_the_other_does_not_stay_alone(panel: FieldPanel, document
 @pytest.mark.parametrize(
     ("tab", "name", "text"),
     [
-        (1, "hks_t_min_field", "1e-9"),
-        (1, "hks_t_min_field", "0"),
+        slow(1, "hks_t_min_field", "1e-9"),
+        slow(1, "hks_t_min_field", "0"),
         (1, "hks_t_max_field", "1e99"),
-        (2, "band_max_field", "1e99"),
+        slow(2, "band_max_field", "1e99"),
         (2, "band_min_field", "-1"),
     ],
 )
@@ -453,7 +454,9 @@ def test_a_log_scale_is_chosen_by_family_and_undone(panel: FieldPanel, document)
     assert scales.currentData() == "automatic"
 
 
-@pytest.mark.parametrize("name", [name for name, family in FAMILIES.items() if family.page])
+@pytest.mark.parametrize(
+    "name", slow_but(["hks", "map"], [name for name, family in FAMILIES.items() if family.page])
+)
 def test_a_question_mark_opens_the_page_of_the_family(
     panel: FieldPanel, document, name: str
 ) -> None:
