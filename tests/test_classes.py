@@ -78,7 +78,7 @@ def test_classes_are_learned_from_strokes(
     blob.with_maps(*found.maps)
 
 
-@pytest.mark.parametrize(("unit", "scale"), [("nm", 1.0), ("µm", 1e-3)])
+@pytest.mark.parametrize(("unit", "scale"), [slow("nm", 1.0), ("µm", 1e-3)])
 def test_a_turned_permuted_copy_in_another_unit_gets_the_same_classes(
     blob: mv.Mesh, model: mv.ClassModel, unit: str, scale: float
 ) -> None:
@@ -406,7 +406,9 @@ def trained(mesh: mv.Mesh, columns: mv.ClassColumns) -> mv.ClassModel:
     return mv.train_classes(mesh, parts, columns, "logistic", scored=False)
 
 
-@pytest.mark.parametrize(("of", "on", "said"), [(4, 2, "Refine"), (2, 4, "Decimate"), (3, 3, "")])
+@pytest.mark.parametrize(
+    ("of", "on", "said"), [(4, 2, "Refine"), slow(2, 4, "Decimate"), (3, 3, "")]
+)
 def test_triangles_of_another_size_are_remarked(
     of: int, on: int, said: str, sizes: dict[int, mv.Mesh]
 ) -> None:

@@ -916,7 +916,10 @@ def test_interrupt_on_a_terminal_is_clean(tmp_path: Path) -> None:
         os.killpg(process.pid, 0)
 
 
-@pytest.mark.parametrize("measure", ["geodesic", "biharmonic", "commute", "diffusion"])
+@pytest.mark.parametrize(
+    "measure",
+    slow_but(["geodesic", "diffusion"], ["geodesic", "biharmonic", "commute", "diffusion"]),
+)
 def test_distances_are_written(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, measure: str
 ) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from tiers import slow
+from tiers import slow, slow_but
 
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.cli.arguments import in_unit
@@ -112,7 +112,7 @@ SEVERAL = [
 
 
 @pytest.mark.parametrize(("option", "command", "expected", "ways"), SEVERAL)
-@pytest.mark.parametrize("last", [False, True])
+@pytest.mark.parametrize("last", slow_but([True], [False, True]))
 def test_ways_to_write_several_numbers(
     option: str, command: str, expected: object, ways: tuple[str, ...], last: bool
 ) -> None:

@@ -12,6 +12,7 @@ import pytest
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, splu
 from test_eigensolver import Matrices, check, dense, random_mesh
+from tiers import slow
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled
@@ -83,7 +84,7 @@ def test_rounding_in_a_symmetric_matrix_is_none(
         pytest.param(lambda rows, i: _with_row(rows, i, np.nan * rows[i]), id="not finite"),
     ],
 )
-@pytest.mark.parametrize("i", [12, 38])
+@pytest.mark.parametrize("i", [12, slow(38)])
 def test_known_pairs_that_are_not_the_lowest_are_not_built_on(
     matrices: Matrices,
     exact: npt.NDArray[np.float64],
@@ -99,7 +100,7 @@ def test_known_pairs_that_are_not_the_lowest_are_not_built_on(
     check(solve(*matrices, 60, known=known), exact[:60])
 
 
-@pytest.mark.parametrize("off", [-1e-5, 1e-5])
+@pytest.mark.parametrize("off", [slow(-1e-5), 1e-5])
 @pytest.mark.parametrize("n_components", [60, 700])  # in slices, and dense
 def test_known_eigenvalues_that_are_not_those_of_their_vectors_are_not_believed(
     matrices: Matrices,

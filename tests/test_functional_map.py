@@ -10,7 +10,7 @@ import pytest
 import shapes
 import trimesh
 from scipy.spatial import KDTree
-from tiers import slow
+from tiers import slow, slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.progress import Cancelled
@@ -138,7 +138,9 @@ def test_a_mirror_image_without_a_symmetry_is_matched_and_said() -> None:
     np.testing.assert_array_equal(found.matches.indices, there)
 
 
-@pytest.mark.parametrize("axes", [(1.0, 1.5, 2.0), (1.0, 1.0, 2.0), (1.0, 1.0, 1.0)])
+@pytest.mark.parametrize(
+    "axes", slow_but([(1.0, 1.0, 2.0)], [(1.0, 1.5, 2.0), (1.0, 1.0, 2.0), (1.0, 1.0, 1.0)])
+)
 def test_what_a_symmetry_leaves_undecided_is_said(axes: tuple[float, float, float]) -> None:
     ball = shapes.icosphere(3)
     mesh = mv.Mesh(ball.vertices * axes, ball.faces)

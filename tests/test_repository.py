@@ -52,9 +52,10 @@ def test_no_file_names(what: str, pattern: str) -> None:
     for path in text_files():
         if path == Path(__file__).resolve():
             continue
-        for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
-            if re.search(pattern, line):
-                found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()}")
+        text = path.read_text(errors="replace")
+        for match in re.finditer(pattern, text, re.MULTILINE):
+            number = text.count("\n", 0, match.start()) + 1
+            found.append(f"{path.relative_to(ROOT)}:{number}: {match.group()}")
     assert not found, f"{what}: " + "; ".join(found)
 
 

@@ -518,7 +518,7 @@ def test_verbose_says_how_it_goes(fine_sphere: Mesh, capfd: pytest.CaptureFixtur
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("n_jobs", [1, 2])
+@pytest.mark.parametrize("n_jobs", slow_but([1], [1, 2]))
 def test_the_first_pair_left_out_is_that_of_the_whole(three_spheres: Mesh, n_jobs: int) -> None:
     """Its share is 1 / area of the component, which is less than 1 / area of a piece."""
     options = {"max_eigenvalue": 400.0, "drop_first": True}

@@ -141,7 +141,7 @@ def test_commands_end_well_in_every_encoding(
     assert "Traceback" not in err
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "cp437", "cp1252", "latin-1"])
+@pytest.mark.parametrize("encoding", slow_but(["ascii"], ["ascii", "cp437", "cp1252", "latin-1"]))
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_help_is_readable_in_every_encoding(
     encoding: str, command: str, monkeypatch: pytest.MonkeyPatch

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+from tiers import slow_but
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.read import read_mesh
@@ -96,7 +97,7 @@ def placed(points: Points, scale: float = 1.0, offset: float = 0.0) -> np.ndarra
     return scale * (np.asarray(points, dtype=float) @ axes[:2]) + offset
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("place", slow_but(["as it is", "tiny and far"], PLACES))
 @pytest.mark.parametrize("name", SIMPLE)
 def test_area_and_triangles_do_not_depend_on_the_first_corner(name: str, place: str) -> None:
     flat, order, area = SIMPLE[name]

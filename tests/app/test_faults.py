@@ -21,6 +21,7 @@ from PySide6.QtCore import QCoreApplication, QEvent, QPoint, QRunnable, Qt, QThr
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QPushButton
 from pytestqt.qtbot import QtBot
+from tiers import slow
 
 import meshmash_viewer
 from meshmash_viewer.app import run
@@ -356,7 +357,7 @@ def test_a_second_button_ends_no_drag_and_leaves_none_on(shown: MainWindow) -> N
 # -- dialogs -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", ["export", "save_picture", "help", "about"])
+@pytest.mark.parametrize("command", ["export", slow("save_picture"), "help", slow("about")])
 def test_dialogs_are_gone_when_they_have_been_answered(
     qtbot: QtBot, shown: MainWindow, command: str
 ) -> None:

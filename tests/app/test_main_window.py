@@ -923,7 +923,7 @@ def test_the_script_of_what_is_on_screen_is_python(ball: MainWindow) -> None:
     assert "meshmash_viewer" in text
 
 
-@pytest.mark.parametrize("opened", ["empty", "ball"])
+@pytest.mark.parametrize("opened", [slow("empty"), "ball"])
 def test_a_report_on_the_machine_is_copied(request: pytest.FixtureRequest, opened: str) -> None:
     window: MainWindow = request.getfixturevalue(opened)
     window.actions_["system_report"].trigger()

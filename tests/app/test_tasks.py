@@ -100,6 +100,7 @@ def test_a_file_that_cannot_be_read_leaves_the_mesh_that_is_open(
     assert "empty.ply" in session.last().text
 
 
+@pytest.mark.slow
 def test_cancelling_keeps_what_has_converged(session: Session) -> None:
     document = session.document
     document.take_mesh(shapes.icosphere(5))

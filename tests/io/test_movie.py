@@ -12,7 +12,7 @@ from typing import IO, Any
 import numpy as np
 import pytest
 from PIL import Image
-from tiers import slow_unless
+from tiers import slow, slow_unless
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io import movie
@@ -66,7 +66,7 @@ def given_up(path: Path, count: int) -> None:
 
 
 @pytest.mark.parametrize("ending", MOVIE_ENDINGS)
-@pytest.mark.parametrize("rate", [4.0, 30.0])
+@pytest.mark.parametrize("rate", [slow(4.0), 30.0])
 def test_what_is_written_is_read_back(tmp_path: Path, ending: str, rate: float) -> None:
     shown, length = read(written(tmp_path / f"film{ending}", 9, rate))
     assert len(shown) == 9, "equal frames are frames, too"

@@ -749,6 +749,7 @@ NAMES = [
 @pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("names", NAMES)
 @pytest.mark.parametrize("transposed", [False, True])
+@pytest.mark.usefixtures("read_here")
 def test_npz_arrays_of_other_names_and_orders(
     names: tuple[str, str], transposed: bool, tmp_path: Path
 ) -> None:

@@ -411,7 +411,13 @@ def test_pins_of_one_template_are_at_the_same_vertex() -> None:
 
 @pytest.mark.parametrize(
     "policy",
-    [None, SymmetricLimits(), MinMaxLimits(), PercentileLimits(2.0, 98.0), LockedLimits(-0.1, 0.4)],
+    [
+        None,
+        slow(SymmetricLimits()),
+        slow(MinMaxLimits()),
+        PercentileLimits(2.0, 98.0),
+        slow(LockedLimits(-0.1, 0.4)),
+    ],
 )
 @pytest.mark.parametrize("kind", slow_but(["hks"], ["eigenfunction", "hks", "band"]))
 def test_one_colour_is_one_value_on_both(kind: str, policy: LimitPolicy | None) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from listeners import Listener
 from solved import spectrum_of
+from tiers import slow, slow_but
 
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.distances import Distances
@@ -57,7 +58,9 @@ def document(neuron: Mesh, tmp_path: Path) -> Document:
     return document
 
 
-@pytest.mark.parametrize("kind", list(FAMILIES))
+@pytest.mark.parametrize(
+    "kind", slow_but(["eigenfunction", "hks", "similarity", "distance", "map"], FAMILIES)
+)
 @pytest.mark.filterwarnings("ignore::meshmash_viewer.errors.TruncationWarning")
 def test_script_makes_the_field_again(
     document: Document, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
@@ -227,10 +230,10 @@ def test_a_script_of_a_map_that_also_rebuilds_the_shape_decomposes_once(
 
 #: Families with exported columns and various parameters, and whether with a map.
 EXPORTED = (
-    (HeatKernelSignature(scales=1), False),
+    slow(HeatKernelSignature(scales=1), False),
     (HeatKernelSignature(scales=7), True),
-    (GeometryVectors(count=5), False),
-    (WaveKernelSignature(count=6), False),
+    slow(GeometryVectors(count=5), False),
+    slow(WaveKernelSignature(count=6), False),
     *(
         pytest.param(Filters(text, count=count), False, marks=pytest.mark.slow if number else ())
         for number, text in enumerate(READY.values())
