@@ -87,7 +87,7 @@ def between(low: float, high: float) -> np.ndarray:
 
 def rest(window: MainWindow, qtbot: QtBot) -> None:
     catch_up()
-    parts = window.controller, window.label_panel, window.label_borders
+    parts = window.controller, window.label_thread
     qtbot.waitUntil(
         lambda: window.document.work.job is None and all(each.idle for each in parts),
         timeout=PATIENCE,

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
-from operator import is_
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QEvent, QPoint, QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QCloseEvent, QColor
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QColorDialog, QMenu, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import PANEL, column, note, row, show_note, show_quietly
 from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save, save_labels
@@ -25,10 +23,9 @@ from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.write_labels import write_regions
 from meshmash_viewer.io.writers import SPECTRUM_WRITERS
-from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.labels import LabelSizes, label_sizes
+from meshmash_viewer.model.labels import LabelSizes
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted
@@ -36,8 +33,6 @@ from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
-
-_Measured: TypeAlias = tuple[Mesh, VertexMap, Mask | None]
 
 
 class LabelPanel(QWidget):
@@ -54,10 +49,8 @@ class LabelPanel(QWidget):
         #: The displayed field, whose means are measured in regions.
         self.field: Field | None = None
         self._document = document
-        self._measured: _Measured | None = None
-        self._thread: LatestThread[_Measured] = LatestThread(
-            lambda request, _: label_sizes(*request), self._take_sizes, parent=self
-        )
+        #: A measured set, and the sizes of its labels.
+        self._measured: tuple[VertexMap, LabelSizes] | None = None
         self._build()
         changes = (
             document.labels.changed, document.spectrum_changed, document.mesh_changed,
@@ -236,12 +229,8 @@ class LabelPanel(QWidget):
         self._enable(known is not None, "label_save", "label_remove_set")
         self.table.show_labels(known)
         show_quietly(self.borders_check, self._document.display.label_borders)
-        before, hidden = self._measured, self._document.hiding.mask
-        if mesh is None or known is None:
-            self._measured = None
-        elif before is None or not all(map(is_, before, (mesh, known, hidden))):
-            self._measured = mesh, known, hidden
-            self._thread.ask(self._measured)
+        if self._measured is not None and self._measured[0] is known:
+            self.table.show_sizes(self._measured[1])
         self._refresh_regions(known)
         self._refresh_hint()
         self._refresh_buttons()
@@ -290,18 +279,7 @@ class LabelPanel(QWidget):
         for name in names:
             self._buttons[name].setEnabled(on)
 
-    def _take_sizes(self, request: _Measured, sizes: LabelSizes | Exception) -> None:
-        if isinstance(sizes, Exception):
-            raise sizes
-        if request is self._measured:
-            self.table.show_sizes(sizes)
-
-    @property
-    def idle(self) -> bool:
-        """Whether the sizes of the labels have been computed."""
-        return not self._thread.working
-
-    def closeEvent(self, event: QCloseEvent) -> None:
-        """Wait until the thread has ended."""
-        super().closeEvent(event)
-        self._thread.close()
+    def show_sizes(self, known: VertexMap, sizes: LabelSizes) -> None:
+        """Show the sizes of the labels of a set, once the set is displayed in the table."""
+        self._measured = known, sizes
+        later(self.refresh)

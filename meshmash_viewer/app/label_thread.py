@@ -1,4 +1,4 @@
-"""Borders between the labels of the current set, and the graph of regions, over the field."""
+"""Thread that measures the labels of the current set, and draws their borders and their graph."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from operator import is_
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, Signal
 
 from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.view.surface import BORDERS, GRAPH, Marks
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.labels import LabelSizes, label_sizes
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.edges import border_edges, region_graph
 from meshmash_viewer.surface.masks import Mask
@@ -21,20 +22,24 @@ from meshmash_viewer.vertex_map import VertexMap
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-#: Mesh, labels, hidden vertices, and whether borders and graph are requested.
-_Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None, bool, bool]
+#: Mesh, labels, vertices hidden by the user, all hidden vertices, and whether borders and graph are
+#: requested.
+_Asked: TypeAlias = tuple[Mesh, VertexMap, Mask | None, Mask | None, bool, bool]
 #: Marks by the name of their layer in the render.
-_Found: TypeAlias = dict[str, Marks | None]
-_NOTHING: _Found = {"borders": None, "graph": None}
+_Drawn: TypeAlias = dict[str, Marks | None]
+_NOTHING: _Drawn = {"borders": None, "graph": None}
 
 
-class LabelBorders(QObject):
-    """Drawing of borders and graph, which a thread computes after each change of the labels."""
+class LabelThread(QObject):
+    """Sizes, borders and graph of the current set, computed after each change of the labels."""
+
+    #: A set, and the `LabelSizes` of its labels.
+    measured = Signal(object, object)
 
     def __init__(self, document: Document, scene: MeshView, parent: QObject) -> None:
         super().__init__(parent)
         self._document, self._scene = document, scene
-        self._drawn: _Asked | None = None
+        self._asked: _Asked | None = None
         self._thread: LatestThread[_Asked] = LatestThread(_found, self._take, parent=self)
         events = document.display.events
         changes = (
@@ -47,48 +52,53 @@ class LabelBorders(QObject):
 
     def _begin(self) -> None:
         """Draw borders and graph on a new mesh."""
-        self._drawn = None
+        self._asked = None
         self.refresh()
 
     def refresh(self) -> None:
-        """Draw the requested borders and graph of the current label set."""
+        """Measure the labels of the current set, and draw the requested borders and graph."""
         document, display = self._document, self._document.display
         mesh, known = document.mesh, document.labels.current
-        if mesh is None or known is None or not (display.label_borders or display.label_graph):
-            self._drawn = None
+        drawn = display.label_borders, display.label_graph
+        if mesh is None or known is None or not any(drawn):
             self._mark(_NOTHING)
+        if mesh is None or known is None:
+            self._asked = None
             return
-        asked = mesh, known, document.hidden, display.label_borders, display.label_graph
-        if self._drawn is None or not all(map(is_, self._drawn[1:], asked[1:])):
-            self._drawn = asked
+        asked = mesh, known, document.hiding.mask, document.hidden, *drawn
+        if self._asked is None or not all(map(is_, self._asked[1:], asked[1:])):
+            self._asked = asked
             self._thread.ask(asked)
 
-    def _mark(self, found: _Found) -> None:
-        for name, marks in found.items():
+    def _mark(self, drawn: _Drawn) -> None:
+        for name, marks in drawn.items():
             self._scene.set_marks(marks, name)
 
     @property
     def idle(self) -> bool:
-        """Whether borders and graph of the current labels are drawn."""
+        """Whether the current labels are measured, and their borders and graph drawn."""
         return not self._thread.working
 
     def close(self) -> None:
         """Wait until the thread has ended."""
         self._thread.close()
 
-    def _take(self, asked: _Asked, found: _Found | Exception) -> None:
+    def _take(self, asked: _Asked, found: tuple[LabelSizes, _Drawn] | Exception) -> None:
         if isinstance(found, Exception):
             raise found
-        if asked is self._drawn and self._scene.mesh is not None:
-            self._mark(found)
+        if asked is self._asked:
+            sizes, drawn = found
+            self.measured.emit(asked[1], sizes)
+            if any(asked[4:]) and self._scene.mesh is not None:
+                self._mark(drawn)
 
 
-def _found(asked: _Asked, _cancel: CancelCallback) -> _Found:
-    mesh, known, hidden, borders, graph = asked
+def _found(asked: _Asked, _cancel: CancelCallback) -> tuple[LabelSizes, _Drawn]:
+    mesh, known, chosen, hidden, borders, graph = asked
     faces = mesh.faces if hidden is None else mesh.faces[~hidden[mesh.faces].any(axis=1)]
-    values, found = np.nan_to_num(known.shown, nan=-1.0), _NOTHING.copy()
+    values, drawn = np.nan_to_num(known.shown, nan=-1.0), _NOTHING.copy()
     if borders and len(edges := border_edges(faces, values)):
-        found["borders"] = Marks(edges, BORDERS)
+        drawn["borders"] = Marks(edges, BORDERS)
     if graph and len(edges := region_graph(mesh.vertices, faces, values)):
-        found["graph"] = Marks(edges, GRAPH)
-    return found
+        drawn["graph"] = Marks(edges, GRAPH)
+    return label_sizes(mesh, known, chosen), drawn
