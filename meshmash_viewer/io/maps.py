@@ -54,6 +54,13 @@ _GIFTI_MAPS = (".func.gii", ".shape.gii", ".label.gii")
 
 #: Endings of files with maps and no mesh; other files may contain both.
 MAP_ENDINGS: tuple[str, ...] = (*_READERS, *_GIFTI_MAPS, *_VALUES)
+#: Readers by ending, without the endings of FreeSurfer surfaces, which maps may also have.
+_BY_ENDING: dict[str, Reader] = {
+    **{ending: reader for ending, reader in READERS.items() if reader is not READERS[".pial"]},
+    ".npz": npz_maps,
+    ".gii": gifti_maps,
+    **_READERS,
+}
 
 
 def is_map_file(path: str | Path) -> bool:
@@ -71,13 +78,9 @@ def is_map_file(path: str | Path) -> bool:
         if name.endswith(".gii"):
             with path.open("rb") as file:  # the point set is the first array
                 return b"NIFTI_INTENT_POINTSET" not in file.read(1_000_000)
-        return path.suffix.lower() not in _OF_MESHES and freesurfer_kind(path) == "values"
+        return path.suffix.lower() not in _BY_ENDING and freesurfer_kind(path) == "values"
     except OSError:
         return False  # reading it as a mesh raises the error
-
-
-#: Endings of meshes, without those of FreeSurfer surfaces, which files of maps may also have.
-_OF_MESHES = tuple(ending for ending in READERS if READERS[ending] is not READERS[".pial"])
 
 
 def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
@@ -237,19 +240,13 @@ def maps_and_remarks(
 
 
 def _reader(path: Path) -> Reader:
-    name = path.name.lower()
     ending = path.suffix.lower()
-    if ending in _READERS:
-        return _READERS[ending]
-    if ending == ".npz":
-        return npz_maps
-    if ending == ".gii":
-        return gifti_maps
-    if ending in _OF_MESHES:
-        return READERS[ending]
-    if name.endswith(_VALUES) or freesurfer_kind(path) == "values":
+    if ending in _BY_ENDING:
+        return _BY_ENDING[ending]
+    kind = freesurfer_kind(path)
+    if path.name.lower().endswith(_VALUES) or kind == "values":
         return freesurfer_values
-    if freesurfer_kind(path) == "patch":
+    if kind == "patch":
         raise InputError("is a FreeSurfer patch, a part of a surface without values")
     raise InputError(
         f"has an ending ({printable(ending, 40) or 'none'}) of no known format of maps"
