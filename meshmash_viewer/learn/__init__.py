@@ -11,7 +11,6 @@ CLASSIFIERS: dict[str, str] = {
     "forest": "100 extremely randomized trees",
     "logistic": "logistic regression of standardized columns",
 }
-Kind = Literal["hks", "wks", "curvature"]
 #: Kinds of columns, with descriptions.
 KINDS: dict[str, str] = {
     "hks": "logarithm of the heat kernel signature at fixed times",

@@ -107,7 +107,7 @@ class LabelTable(Table):
 
     def show_sizes(self, sizes: LabelSizes) -> None:
         """Show the number of vertices and the area of each label."""
-        if sizes is not self._sizes and len(sizes.counts) == len(self.labels):
+        if sizes is not self._sizes:
             self._sizes = sizes
             last = self.rows.index(len(self.labels) - 1, SHOWN)
             self.rows.dataChanged.emit(self.rows.index(0, VERTICES), last)
