@@ -202,9 +202,7 @@ class LabelPanel(QWidget):
         ):
             if (alone and len(shown) > 1) or (name == "join" and len(shown) < 2):
                 continue
-            action = menu.addAction(text)
-            action.setObjectName(f"label_menu_{name}")
-            action.triggered.connect(lambda _checked=False, act=act: act())
+            menu.addAction(text, act).setObjectName(f"label_menu_{name}")
         menu.aboutToHide.connect(menu.deleteLater)
         menu.popup(place)
 
