@@ -70,6 +70,7 @@ def test_labels_alone_keep_names_and_colours(capsys: pytest.CaptureFixture[str])
     assert [each.color for each in labels.labels] == ["#4477aa", "#ee6677"]
 
 
+@pytest.mark.slow
 def test_a_remark_on_triangles_of_another_size(capsys: pytest.CaptureFixture[str]) -> None:
     mesh = shapes.blob(3)
     write_mesh("fine.ply", mv.Mesh(mesh.vertices, mesh.faces, "nm", "fine"))

@@ -214,6 +214,7 @@ def test_live_classes_follow_the_labels_through_undo(painted: MainWindow, qtbot:
     assert not note(painted).endswith(OUTDATED), "the prediction is that of the labels again"
 
 
+@pytest.mark.slow
 def test_the_newest_request_wins_and_cancel_leaves_all(
     painted: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

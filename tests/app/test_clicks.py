@@ -86,6 +86,7 @@ def test_a_click_next_to_the_mesh_takes_the_nearest_vertex(window: MainWindow) -
     assert scene.vertex_near(far.x(), far.y()) == -1
 
 
+@pytest.mark.slow
 def test_small_components_can_be_hidden(
     open_window: Callable[..., MainWindow], qtbot: QtBot
 ) -> None:

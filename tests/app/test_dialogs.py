@@ -175,6 +175,7 @@ def test_stored_options_of_a_picture_are_offered_where_they_are_valid(
     window.settings.figure = "", ""
 
 
+@pytest.mark.slow
 def test_a_picture_is_drawn_by_another_process_and_can_be_cancelled(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

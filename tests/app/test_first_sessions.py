@@ -17,7 +17,6 @@ from closed_form import drag, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QFileDialog, QLabel, QWidget
-from tiers import slow_but
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import catch_up
@@ -193,7 +192,8 @@ def person(
     theme.set_mode(theme.Mode.SYSTEM)
 
 
-@pytest.mark.parametrize("mode", slow_but([theme.Mode.LIGHT], [theme.Mode.LIGHT, theme.Mode.DARK]))
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", [theme.Mode.LIGHT, theme.Mode.DARK])
 def test_the_first_sessions(person: Person, mode: theme.Mode) -> None:
     window, document = person.window, person.document
     theme.set_mode(mode)

@@ -53,6 +53,7 @@ def picture(found: QListWidget, at: int) -> np.ndarray:
     return pixels.reshape(image.height(), -1, 4)
 
 
+@pytest.mark.slow
 def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> None:
     display = window.document.display
     display.change(FAMILIES["eigenfunction"], flipped=frozenset({6}))

@@ -402,6 +402,7 @@ def test_borders_are_the_edges_between_faces_of_different_labels() -> None:
     assert border_edges(MESH.faces, np.zeros(MESH.n_vertices)).shape == (0, 2)
 
 
+@pytest.mark.slow
 def test_regions_are_measured_looked_at_and_exported(
     labelled: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -130,6 +130,7 @@ def test_what_was_made_is_there_again_and_can_be_left_out(
     again.close()
 
 
+@pytest.mark.slow
 def test_a_changed_file_is_opened_without_what_was_made_on_the_old_one(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot
 ) -> None:

@@ -327,8 +327,9 @@ def test_both_are_drawn_once_a_step(
         ]  # fmt: skip
 
 
-@pytest.mark.parametrize("late", [pytest.param("first", marks=pytest.mark.slow), "second"])
-@pytest.mark.parametrize("fails", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("late", ["first", "second"])
+@pytest.mark.parametrize("fails", [False, True])
 def test_a_field_does_not_wait_for_one_that_takes_long_or_fails(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch, late: str, fails: bool
 ) -> None:
@@ -667,6 +668,7 @@ def test_own_maps_show_the_carried_map_on_both_under_its_new_name(
         first.maps.remove(name)
 
 
+@pytest.mark.slow
 def test_a_map_of_the_second_follows_the_name_of_its_copy_on_the_first_and_its_labels_are_saved(
     window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -76,6 +76,7 @@ def click(window: MainWindow, name: str) -> None:
     QTest.mouseClick(part(window, name), Qt.MouseButton.LeftButton)
 
 
+@pytest.mark.slow
 def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     document, mesh = solved.document, solved.document.mesh
     mask, whole = document.selection.mask, document.spectrum.eigenvalues

@@ -107,6 +107,7 @@ def color_by(window: MainWindow, column: str, qtbot: QtBot) -> None:
     rest(window, qtbot)
 
 
+@pytest.mark.slow
 def test_dropped_points_are_drawn_coloured_undone_and_removed(
     opened: MainWindow, files: Path, qtbot: QtBot
 ) -> None:

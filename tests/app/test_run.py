@@ -365,6 +365,7 @@ def test_in_somebody_elses_application_nothing_outside_the_window_changes(tmp_pa
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_a_script_waits_for_its_own_window_only(qtbot: QtBot) -> None:
     ball, other = shapes.icosphere(2), QWidget()
     qtbot.addWidget(other)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapes
 from closed_form import part, rectangle_document
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
@@ -66,19 +67,24 @@ def test_a_scene_is_the_mesh_in_the_colours_of_its_field(
 
 
 def test_a_page_without_trame_is_one_sentence(
-    qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(picture, "_PAGE_MAKERS", ("no_such_library",))
     assert 'pip install "meshmash-viewer[html]"' in picture.missing_pages()
+    with pytest.raises(InputError, match="trame"):
+        picture.write_scene(mesh_to_poly(shapes.icosphere(0)), tmp_path / "ball.html")
+
+
+@pytest.mark.slow
+def test_the_dialog_says_what_a_page_needs(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(picture, "_PAGE_MAKERS", ("no_such_library",))
     dialog = opened(qtbot, window, tmp_path / "plate.html")
     formats = part(dialog, "scene_format_combo")
     assert not formats.model().item(formats.findData(".html")).isEnabled()
     assert part(dialog, "scene_remark_label").text() == picture.missing_pages()
     assert not part(dialog, "scene_save_button").isEnabled()
-    mesh = window.document.mesh
-    assert mesh is not None
-    with pytest.raises(InputError, match="trame"):
-        picture.write_scene(mesh_to_poly(mesh), tmp_path / "plate.html")
 
 
 @pytest.mark.slow

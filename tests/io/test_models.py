@@ -36,7 +36,7 @@ def labels(blob: mv.Mesh) -> mv.VertexMap:
 @pytest.fixture(scope="module", params=["ensemble", slow("forest"), "logistic"])
 def model(request: pytest.FixtureRequest, blob: mv.Mesh, labels: mv.VertexMap) -> mv.ClassModel:
     columns = mv.ClassColumns(0.03, 1.0, 20.0, "nm", kinds=("hks", "curvature"), n_times=6)
-    return mv.train_classes(blob, labels, columns, request.param, smoothing=0.1)
+    return mv.train_classes(blob, labels, columns, request.param, smoothing=0.1, scored=False)
 
 
 @pytest.fixture

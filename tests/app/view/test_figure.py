@@ -166,6 +166,7 @@ def test_two_hemispheres_on_a_column_have_their_whole_titles(qapp, tmp_path: Pat
     )
 
 
+@pytest.mark.slow
 def test_one_colour_bar_serves_two_meshes_with_the_same_colours(qapp) -> None:
     """A shared bar is next to the last mesh and narrows both; other limits need two bars."""
     options = FigureOptions(width_mm=85.0, dpi=100)

@@ -280,9 +280,9 @@ def apart(ones: np.ndarray, others: np.ndarray) -> float:
 @pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.slow), 2.0**-100])
 @pytest.mark.pixels
 def test_nodal_lines_are_where_the_field_is_zero(scene: MeshView, qtbot, scale: float) -> None:
-    """Lines through vertices are drawn, too: edges of this sphere lie in the three planes."""
+    """Lines through vertices are drawn, too: edges of this sphere lie in the first plane."""
     mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
-    for axis, level in ((0, 0.0), (1, 0.3), (2, 0.0)):
+    for axis, level in ((0, 0.0), (1, 0.3)):
         found = darkened(scene, field(scale * (mesh.vertices[:, axis] - level)), size)
         _, line, towards = circle(scene, axis, level, size)
         assert apart(line[towards > 0.3], found) < 1.0, "without a gap"
