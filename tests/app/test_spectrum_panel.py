@@ -203,15 +203,18 @@ def test_a_band_is_clicked_or_dragged_to(panel: SpectrumPanel, document) -> None
     assert y.max() == pytest.approx(2 / 3, rel=0.01), "a uniform cubic B-spline"
 
 
-def test_labels_without_a_spectrum_have_no_response_in_the_legend(
+def test_the_legend_says_why_labels_have_no_response(
     panel: SpectrumPanel, document: Document
 ) -> None:
     document.display.kind = "hks"
     assert "exp(−λt)" in panel.view.legend()
     document.labels.new_set()
     assert panel.view.legend().endswith("|</span> eigenvalues")
-    assert "response" not in panel.view.legend()
+    assert panel.view.legend().startswith("labels are names, not numbers, so they have no spectrum")
     assert "▬" not in panel.view.legend()
+    assert "labels are names" in panel.legend.text()
+    document.display.kind = "hks"
+    assert "labels are names" not in panel.view.legend()
 
 
 def test_a_heat_kernel_is_drawn_and_its_time_dragged(panel: SpectrumPanel, document) -> None:

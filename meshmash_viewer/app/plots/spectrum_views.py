@@ -207,6 +207,8 @@ class ResponseView:
         #: Whether the bottom axis is logarithmic.
         self.log = False
         self._response_text = ""
+        #: Why no response is drawn.
+        self._reason = ""
         self.rug = pg.PlotCurveItem(connect="pairs")
         self.series = tuple(pg.PlotCurveItem(connect="finite") for _ in range(3))
         self.response = pg.PlotCurveItem(fillLevel=0.0)
@@ -248,8 +250,8 @@ class ResponseView:
         colors = theme.palette()
         ticks = f'<span style="color:{colors.reference}">|</span> eigenvalues'
         mark = f'<span style="color:{colors.marker}">▬</span>'
-        response = f"{mark} {self._response_text}&nbsp;&nbsp; " if self._response_text else ""
-        return response + ticks
+        response = f"{mark} {self._response_text}" if self._response_text else self._reason
+        return f"{response}&nbsp;&nbsp; {ticks}" if response else ticks
 
     def numbers(self) -> list[Series]:
         spectrum, family = self._document.scaled_spectrum, self.family
@@ -309,7 +311,11 @@ class ResponseView:
         for item in (self.response, *self.series, self.handle, self.low, self.high, self.missing):
             item.setVisible(response is not None)
         if response is None:
+            shown = getattr(self.family.resolved(spectrum, {}), "shown", None)
+            labels = "labels are names, not numbers, so they have no spectrum"
+            others = f"{self.family.label}: no filter can be drawn for these eigenvalues"
             self._response_text = ""
+            self._reason = labels if shown is not None and shown.labels else others
             return
         self._response_text = response.legend
         gap = np.array([np.nan])
