@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -914,6 +915,49 @@ def test_interrupt_on_a_terminal_is_clean(tmp_path: Path) -> None:
     # No process of its group still runs.
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
+
+
+@pytest.mark.parametrize("ignored", [False, True])
+def test_sigterm_ends_a_command_like_an_interrupt(
+    ignored: bool, capsys: pytest.CaptureFixture[str], ball: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(
+        "meshmash_viewer.cli.batch.read_mesh", lambda *_, **__: signal.raise_signal(signal.SIGTERM)
+    )
+    try:
+        if ignored:  # as in the background of a shell
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        assert run(capsys, "info", ball) == (130, "", "meshmash-viewer: interrupted\n")
+    finally:
+        signal.signal(signal.SIGINT, before[1])
+    assert signal.getsignal(signal.SIGTERM) == before[0]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="needs signals of POSIX")
+def test_sigterm_leaves_no_worker_processes(tmp_path: Path) -> None:
+    import psutil
+    import shapes
+
+    mesh = save(shapes.icosphere(6), tmp_path / "large.npz")
+    command = [sys.executable, "-m", "meshmash_viewer", "condense", str(mesh), "--unit", "µm"]
+    process = subprocess.Popen(
+        [*command, "-o", str(tmp_path / "out.npz"), "--jobs", "2"], env=environment(tmp_path)
+    )
+    started: list[psutil.Process] = []
+    try:
+        while len(started) < 4:  # two workers, and two trackers of resources
+            assert process.poll() is None
+            time.sleep(0.1)
+            started = psutil.Process(process.pid).children(recursive=True)
+        process.terminate()
+        assert process.wait(240) == 130
+        assert psutil.wait_procs(started, timeout=60)[1] == []
+    finally:
+        for each in (process, *started):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                each.kill()
 
 
 @pytest.mark.parametrize(

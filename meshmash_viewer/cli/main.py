@@ -13,11 +13,13 @@ import contextlib
 import importlib
 import io
 import os
+import signal
 import sys
 import warnings
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import FrameType
 
 from meshmash_viewer.cli.arguments import FAULT
 from meshmash_viewer.cli.parser import COMMANDS, parsed_command, parsed_window
@@ -112,7 +114,29 @@ def _run_command(options: Namespace) -> int:
         raise InputError(said)
     module = _MODULES.get(options.command, options.command)
     run = getattr(importlib.import_module(f"meshmash_viewer.cli.{module}"), options.command)
-    return int(run(options))
+    with _ended_by_sigterm():
+        return int(run(options))
+
+
+@contextlib.contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """End a command by SIGTERM as by Ctrl-C: otherwise its worker processes live for minutes."""
+    try:
+        before = signal.signal(signal.SIGTERM, _interrupt)
+    except ValueError:  # only the main thread receives signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler):  # Ctrl-C is ignored in the background of some shells
+        raise KeyboardInterrupt
+    handler(number, frame)
 
 
 def _open_window(options: Namespace) -> int:
