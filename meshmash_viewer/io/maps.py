@@ -35,6 +35,7 @@ _READERS: dict[str, Reader] = {
     ".npy": npy_maps,
     ".csv": csv_maps,
     ".tsv": csv_maps,
+    ".txt": csv_maps,
     ".parquet": parquet_maps,
     ".1d": csv_maps,
     ".dset": afni_maps,
@@ -86,11 +87,11 @@ def is_map_file(path: str | Path) -> bool:
 def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     """Read values per vertex from a file; the format is given by the file's ending.
 
-    Formats of maps are NPZ, NPY, CSV, Parquet, GIFTI (functional, shape and label files), and those
-    of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``) and AFNI (``.1D``,
-    ``.1D.dset``, ``.niml.dset``). From a mesh file, all values at its vertices are read except
-    coordinates. Condensed features, see `read_condensed_features`, become one map per column, with
-    the value of a domain at each of its vertices, and a label set of the domains.
+    Formats of maps are NPZ, NPY, CSV (also ``.txt``), Parquet, GIFTI (functional, shape and label
+    files), and those of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``) and
+    AFNI (``.1D``, ``.1D.dset``, ``.niml.dset``). From a mesh file, all values at its vertices are
+    read except coordinates. Condensed features, see `read_condensed_features`, become one map per
+    column, with the value of a domain at each of its vertices, and a label set of the domains.
 
     The maps have different names, and `VertexMap.path`; see `Mesh.with_maps`. `InputError` is
     raised if the file does not exist, does not have one value per vertex of the mesh, or cannot be

@@ -9,7 +9,7 @@ import pandas
 import pytest
 
 from meshmash_viewer.errors import InputError, MeshWarning
-from meshmash_viewer.io.maps import read_labels, read_maps
+from meshmash_viewer.io.maps import is_map_file, read_labels, read_maps
 from meshmash_viewer.mesh import Mesh
 
 #: A mesh of four vertices, for tables of four rows.
@@ -161,6 +161,24 @@ BROKEN = {
     "one": ("a\n1\n", "has 1 value and the mesh 4 vertices"),
     "too few": ("a\n1\n2\n3\n", "3 values and the mesh 4 vertices"),
 }
+
+
+@pytest.mark.parametrize("ending", [".csv", ".tsv", ".txt"])
+@pytest.mark.parametrize(
+    "rows", [("0.25", "1.5", "2", "-3e-2"), ("3", "1", "2", "0"), ("nan", "1", "2", "3")]
+)
+def test_a_column_without_a_name(ending: str, rows: tuple[str, ...], tmp_path: Path) -> None:
+    path, values = tmp_path / f"depth{ending}", list(map(float, rows))
+    for content in ("\n".join(rows), "\r\n".join([*rows, ""])):
+        assert is_map_file(path)
+        found = read(path, content)
+        assert list(found) == [path.name]
+        np.testing.assert_array_equal(found[path.name], values)
+    for many, said in ((rows[:-1], "3 values"), ((*rows, "9"), "5 values"), (("4", *rows), "5")):
+        with pytest.raises(InputError, match=rf"{said}.* and the mesh 4 vertices: give a map"):
+            read(path, "\n".join(many) + "\n")
+    with pytest.raises(InputError, match="no column of numbers"):
+        read(path, "\n".join((rows[0], "word", *rows[2:])) + "\n")
 
 
 @pytest.mark.parametrize("name", BROKEN)
