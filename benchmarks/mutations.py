@@ -3,10 +3,10 @@
     ./dev bench mutations [--count 200] [--seed 11] [--first 0] [--tree DIR] [--slow]
 
 A fault reverses a comparison, exchanges + and - or `and` and `or`, adds one to a number, or negates
-a returned condition. Each fault is put into a temporary copy of the tree. The tests named
-like the module run first, then those of its folder, each file until its first failure; a test that
-fails without the fault as well does not count. A line is printed for each fault, and the shares at
-the end. Tests of windows need a display.
+a returned condition. Each fault is put into a temporary copy of the tree. The tests named like the
+module run first, then files that import it, then those of its folder, each file until its first
+failure; a test that fails without the fault as well does not count. A line is printed for each
+fault, and the shares at the end. Tests of windows need a display.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ COMPARISONS = {
     ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
 }  # fmt: skip
 EXCHANGED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.And: ast.Or, ast.Or: ast.And}
+#: Largest number of files of tests that run because they import the module, the shortest first.
+IMPORTING = 8
 #: Tests of each folder of the package, quick tests first; the longest prefix counts.
 TESTS = {
     "": "test_mesh test_health test_units test_public_api test_cli",
@@ -98,6 +101,10 @@ def tests_of(tree: Path, module: str) -> list[str]:
     """Return the test files of a module."""
     folder, stem = module.rpartition("/")[0], Path(module).stem
     same = [str(each.relative_to(tree)) for each in (tree / "tests").rglob(f"test_{stem}.py")]
+    dotted = "meshmash_viewer." + module.removesuffix(".py").replace("/", ".")
+    files = sorted((tree / "tests").rglob("test_*.py"), key=lambda each: each.stat().st_size)
+    importing = (each for each in files if f"{dotted} import" in each.read_text())
+    same += [str(each.relative_to(tree)) for each in islice(importing, IMPORTING)]
     while folder not in TESTS:
         folder = folder.rpartition("/")[0]
     table = [f"tests/{name}.py" for name in TESTS[folder].split()]
