@@ -333,7 +333,7 @@ def dendrite_strokes(mesh: mv.Mesh, truth: mv.VertexMap, draw: int) -> mv.Vertex
     return mv.VertexMap("strokes", values, labels=truth.labels)
 
 
-@pytest.mark.parametrize(("n_classes", "n_maps"), [(8, 10), (9, 2)])
+@pytest.mark.parametrize(("n_classes", "n_maps"), [slow(8, 10), (9, 2)])
 def test_the_window_gets_no_probabilities_of_a_whole_parcellation(
     blob: mv.Mesh, n_classes: int, n_maps: int
 ) -> None:

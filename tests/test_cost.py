@@ -17,6 +17,7 @@ from hard_verdict import judge_seed
 from scipy.sparse.linalg import LinearOperator, splu
 from test_eigensolver import dense, random_mesh, torus
 from test_eigensolver_hard import icosphere, strip
+from tiers import slow
 
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 from meshmash_viewer.spectral.engine import refinement
@@ -178,7 +179,7 @@ def test_what_is_known_is_not_found_again(
 
 
 @pytest.mark.parametrize("lift", [0.0, 1.0])  # with a null space, and without
-@pytest.mark.parametrize("place", [-1, 0, 7, 60])
+@pytest.mark.parametrize("place", [-1, slow(0), slow(7), 60])
 def test_what_a_given_inverse_has_found_is_counted_and_not_found_again(
     taken: Counter[str], place: int, lift: float
 ) -> None:

@@ -181,7 +181,7 @@ def test_what_is_missing_is_about_as_expected(kind: str, within: float) -> None:
 
 
 @pytest.mark.parametrize("measure", ["biharmonic", "commute", "diffusion"])
-@pytest.mark.parametrize("name", slow_but(["neck", "stray"], ["sphere", "torus", "neck", "stray"]))
+@pytest.mark.parametrize("name", slow_but(["stray"], ["sphere", "torus", "neck", "stray"]))
 def test_of_all_pairs_nothing_is_missing(measure: str, name: str) -> None:
     made = {
         **MESHES,

@@ -94,7 +94,7 @@ def test_threshold_exactly_on_an_eigenvalue_keeps_all_its_copies() -> None:
         assert said in decomposition.certificate.remark
 
 
-@pytest.mark.parametrize("off", slow_but([0.0, 1e-9], [0.0, 1e-13, 1e-9, 1e-6]))
+@pytest.mark.parametrize("off", slow_but([0.0], [0.0, 1e-13, 1e-9, 1e-6]))
 def test_shift_on_an_eigenvalue_costs_no_digit(off: float) -> None:
     matrices = random_mesh(33)
     exact = dense(matrices)

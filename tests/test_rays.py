@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapes
+from tiers import slow
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
@@ -23,7 +24,7 @@ def _face_by_face(
     return float(share.min()), int(np.argmin(share)) if met.any() else -1
 
 
-@pytest.mark.parametrize(("count", "size"), [(300, 0.3), (4000, 0.1), (4000, 1.0)])
+@pytest.mark.parametrize(("count", "size"), [(300, 0.3), (4000, 0.1), slow(4000, 1.0)])
 def test_a_soup_is_hit_where_its_faces_are_one_by_one(
     rng: np.random.Generator, count: int, size: float
 ) -> None:

@@ -14,7 +14,7 @@ import pytest
 import shapes
 from listeners import Listener
 from solved import spectrum_of
-from tiers import slow_but
+from tiers import slow, slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.cli import main as cli
@@ -65,7 +65,9 @@ def table(path: Path) -> dict[str, np.ndarray]:
     return {name: np.array(column, dtype=float) for name, column in read.items()}
 
 
-@pytest.mark.parametrize("repairs", [[LARGEST], [DROP], [DROP, LARGEST], [LARGEST, MERGE, DROP]])
+@pytest.mark.parametrize(
+    "repairs", [slow([LARGEST]), slow([DROP]), [DROP, LARGEST], [LARGEST, MERGE, DROP]]
+)
 def test_the_command_line_counts_as_the_file(
     path: Path, tmp_path: Path, repairs: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:

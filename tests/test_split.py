@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import shapes
-from tiers import slow_but
+from tiers import slow, slow_but
 
 from meshmash_viewer.decompose import compute_hks, spectral_geometry_filter
 from meshmash_viewer.errors import InputError, TruncationWarning
@@ -418,7 +418,7 @@ def test_the_overlap_may_be_limited_in_vertices(fine_sphere: Mesh) -> None:
     np.testing.assert_array_equal(whole[1], fine_sphere.faces)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e-3])
+@pytest.mark.parametrize("scale", [slow(1.0), 1e-3])
 def test_the_overlap_follows_the_longest_time(sphere: Mesh, scale: float) -> None:
     times = np.array([0.02, 0.05]) * scale**2
     mesh = Mesh(scale * sphere.vertices, sphere.faces)

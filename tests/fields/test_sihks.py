@@ -20,7 +20,7 @@ def solved(mesh: Mesh, count: int) -> Eigenpairs:
     return mv.solve(*mv.cotangent_laplacian(mesh), count)
 
 
-@pytest.mark.parametrize("factor", slow_but([0.3, 1e6], [1e-9, 0.3, 2.0, 7.7, 1e6]))
+@pytest.mark.parametrize("factor", slow_but([1e6], [1e-9, 0.3, 2.0, 7.7, 1e6]))
 def test_a_copy_of_another_size_has_equal_features(rectangle: Mesh, factor: float) -> None:
     here = scale_invariant_hks(solved(rectangle, 60), 6).values
     copy = Mesh(factor * rectangle.vertices, rectangle.faces)

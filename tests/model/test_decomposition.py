@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapes
 from listeners import Listener
+from tiers import slow
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
@@ -219,7 +220,7 @@ def test_without_a_cache_the_session_has_a_store(
     assert more.complete
 
 
-@pytest.mark.parametrize("from_known", [False, True])
+@pytest.mark.parametrize("from_known", [slow(False), True])
 def test_a_cache_removed_while_computing_costs_nothing(
     sphere: Mesh, tmp_path: Path, own_cache: Path, from_known: bool
 ) -> None:

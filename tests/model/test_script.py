@@ -195,7 +195,7 @@ def test_signs_that_follow_a_preview_are_in_the_script(document: Document) -> No
     assert "multiplet" in reproduction_script(document)
 
 
-@pytest.mark.parametrize("measure", ["geodesic", "biharmonic", "commute", "diffusion"])
+@pytest.mark.parametrize("measure", ["geodesic", slow("biharmonic"), slow("commute"), "diffusion"])
 def test_script_measures_from_the_pin_and_writes_what_is_exported(
     document: Document, tmp_path: Path, measure: str
 ) -> None:
