@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias, TypeVar
 
 from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal, SignalInstance
-from PySide6.QtGui import QColor, QIcon, QPixmap
+from PySide6.QtGui import QColor, QGuiApplication, QIcon, QPixmap
 from PySide6.QtWidgets import (
     QAbstractButton,
     QBoxLayout,
@@ -138,6 +138,16 @@ def label(
     if selectable:
         made.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
     return theme.named(made, name, spoken, role=role, tip=tip)
+
+
+def offer_copy(made: QLabel, whole: Callable[[], str] | None = None) -> None:
+    """Add a context menu that copies the selected text, or else `whole`, by default the text."""
+
+    def copy() -> None:
+        QGuiApplication.clipboard().setText(made.selectedText() or (whole or made.text)())
+
+    made.addAction("Copy", copy)
+    made.setContextMenuPolicy(Qt.ContextMenuPolicy.ActionsContextMenu)
 
 
 def muted(text: str = "", **given: Any) -> QLabel:

@@ -108,6 +108,10 @@ class MeshPanel(QWidget):
     def _build_facts(self) -> tuple[Part, ...]:
         self.name_label = make.label("mesh_name_label", "Name of the mesh", role="heading")
         self.path_label = make.label("mesh_path_label", "Path of the mesh", role="muted")
+        # the text may be shortened, so it cannot be selected
+        make.offer_copy(
+            self.path_label, lambda: self.path_label.toolTip() or self.path_label.text()
+        )
         self._facts: dict[str, QLabel] = {}
         for name in ("Vertices", "Faces", "Area", "Extent"):
             label = make.label(
@@ -137,6 +141,7 @@ class MeshPanel(QWidget):
         if ready is None:
             self.name_label.setText("No mesh open")
             self.path_label.setText(f"Drop one on the window, or press {native_keys('Ctrl+O')}.")
+            self.path_label.setToolTip("")
             for label in self._facts.values():
                 label.setText("–")
             return
@@ -289,6 +294,7 @@ class MeshPanel(QWidget):
             "‖Lφ − λMφ‖ / λ‖Mφ‖, and the largest entry of |ΦᵀMΦ − I|"
         )
         self.proof_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        make.offer_copy(self.proof_label)
         self._status_stack = QStackedLayout()
         self._status_stack.addWidget(self.proof_label)
         self._status_stack.addWidget(self.progress_label)
