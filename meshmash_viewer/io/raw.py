@@ -113,6 +113,13 @@ def maps_of_columns(
         yield RawMap(name, np.ascontiguousarray(column), rows=rows)
 
 
+def most_maps(maps: Sequence[RawMap]) -> tuple[tuple[RawMap, ...], tuple[str, ...]]:
+    """Return the first `MOST_MAPS` maps, and a clause on the others if there are more."""
+    left = len(maps) - MOST_MAPS
+    remark = f"has {left} of {len(maps)} columns of numbers beyond the limit, which are left out"
+    return tuple(maps[:MOST_MAPS]), (remark,) if left > 0 else ()
+
+
 def are_ascending_indices(values: npt.NDArray[Any]) -> bool:
     """Whether an array consists of non-negative, strictly ascending whole numbers."""
     if values.ndim != 1 or values.dtype.kind not in "fiu":

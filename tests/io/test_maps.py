@@ -256,7 +256,8 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
         lambda path: gifti(path, "NIFTI_INTENT_POINTSET", MESH.vertices.astype(np.float32)),
         r"one number per vertex",
     ),
-    "notes.txt": (lambda path: path.write_text("hello"), r"ending \(\.txt\)"),
+    "notes.md": (lambda path: path.write_text("hello"), r"ending \(\.md\)"),
+    "notes.txt": (lambda path: path.write_text("hello"), r"is no table"),
     "volume.mgh": (
         lambda path: nibabel.save(
             nibabel.MGHImage(np.ones((3, 4, 5), np.float32), np.eye(4)), path
@@ -267,7 +268,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 #: One case of each kind of fault. Other files are read in a child process under limits (0.5 s).
-QUICK = ["short.npy", "text.npy", "infinite.npy", "words.csv", "lh.other.label", "notes.txt"]
+QUICK = ["short.npy", "text.npy", "infinite.npy", "words.csv", "lh.other.label", "notes.md"]
 
 
 @pytest.mark.parametrize("name", slow_but(QUICK, BROKEN))

@@ -315,6 +315,6 @@ def test_columns_beyond_the_limit_are_said(tmp_path: Path) -> None:
     path, count = tmp_path / "mesh.ply", MOST_MAPS + 2
     header = VERTEX + "".join(f"property float f{at}\n" for at in range(count)) + FACE
     body = longer(SQUARE, " ".join(map(str, range(count)))) + FACES
-    with pytest.warns(MeshWarning, match=f"has 2 of {count} columns of numbers, which are left"):
+    with pytest.warns(MeshWarning, match=f"has 2 of {count} columns of numbers beyond"):
         mesh = read_mesh(write_text(path, header, body))
     assert len(mesh.maps) == MOST_MAPS

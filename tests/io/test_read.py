@@ -781,6 +781,17 @@ def test_npz_arrays_with_one_of_the_names_of_a_mesh_are_maps(tmp_path: Path) -> 
     assert [each.name for each in read_mesh(path).maps] == ["f"]
 
 
+@pytest.mark.usefixtures("read_here")
+def test_columns_of_an_npz_beyond_the_limit_are_said(tmp_path: Path) -> None:
+    path, mesh = tmp_path / "a.npz", {"vertices": VERTICES, "faces": FACES}
+    np.savez(path, wide=np.zeros((len(VERTICES), 65)), height=VERTICES[:, 2], **mesh)
+    with pytest.warns(MeshWarning, match="has an array wide of 65 columns, of which 64 can be"):
+        assert [each.name for each in read_mesh(path).maps] == ["height"]
+    np.savez(path, **{f"f{at}": VERTICES[:, 2] for at in range(66)}, **mesh)
+    with pytest.warns(MeshWarning, match="has 2 of 66 columns of numbers beyond the limit"):
+        assert len(read_mesh(path).maps) == 64
+
+
 QUADS = np.array([[0, 2, 1, 3], [4, 1, 5, 0]])  # sections in the xy and xz planes
 
 
@@ -1041,10 +1052,11 @@ def test_a_binary_scene_that_is_none(content: bytes, said: str, tmp_path: Path) 
 def test_of_very_many_maps_the_first_are_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("meshmash_viewer.io.formats.npz.MOST_MAPS", 3)
+    monkeypatch.setattr("meshmash_viewer.io.raw.MOST_MAPS", 3)
     maps = {f"map {at}": np.arange(len(VERTICES)) + at for at in range(5)}
     np.savez(tmp_path / "many.npz", vertices=VERTICES, faces=FACES, **maps)
-    found = read_mesh(tmp_path / "many.npz").maps
+    with pytest.warns(MeshWarning, match="has 2 of 5 columns of numbers beyond the limit"):
+        found = read_mesh(tmp_path / "many.npz").maps
     assert [each.name for each in found] == ["map 0", "map 1", "map 2"]
 
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import stated_mesh
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_alone
+from meshmash_viewer.io.raw import RawMap, RawMesh, maps_alone, most_maps
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, numbered_labels
 
@@ -315,11 +315,13 @@ def read_gifti(path: Path) -> RawMesh:
     vertices = np.asarray(vertices, dtype=np.float64)
     stated = stated_mesh(meta)[0]  # unit before an export in mm
     unit, remark = _unit(vertices) if stated is None else ("mm" if stated else "", "")
+    maps, remarks = most_maps(list(_gifti_maps(image)))
     return RawMesh(
         vertices,
         faces.astype(np.int64),
         unit,
-        tuple(_gifti_maps(image))[:MOST_MAPS],
+        maps,
+        remarks,
         structure=_structure(points[0]) or _structure(image),
         meta=meta,
         unit_remark=remark,

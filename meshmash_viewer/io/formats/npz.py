@@ -22,6 +22,7 @@ from meshmash_viewer.io.raw import (
     are_ascending_indices,
     maps_alone,
     maps_of_columns,
+    most_maps,
 )
 from meshmash_viewer.triangulation import triangulate
 from meshmash_viewer.vertex_map import Label
@@ -60,7 +61,8 @@ def read_npz(path: Path) -> RawMesh:
         if (transposed or names[1] == "face") and faces.ndim == 2 and len(faces) == 3:
             faces = faces.T
         meta = _provenance(archive)
-        maps = tuple(_maps(archive, len(vertices)))[:MOST_MAPS]
+        wide: list[str] = []
+        maps, remarks = most_maps(list(_maps(archive, len(vertices), wide)))
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
     if faces.dtype.kind not in "fiu" or np.any(faces != np.floor(faces)):
@@ -68,7 +70,7 @@ def read_npz(path: Path) -> RawMesh:
     vertices = vertices.astype(np.float64)
     triangles = triangulate(vertices, *_polygons(faces.astype(np.int64), len(vertices)))
     unit, structure = stated_mesh(meta)
-    return RawMesh(vertices, triangles, unit, maps, structure=structure, meta=meta)
+    return RawMesh(vertices, triangles, unit, maps, (*remarks, *wide), structure, meta)
 
 
 def _mesh_names(names: Iterable[str]) -> tuple[str, ...]:
@@ -168,11 +170,12 @@ def npz_maps(path: Path) -> RawMesh:
                 "holds a graph of domains, which View › Graph of labels draws once the features of"
                 " these domains (X and labels) are open"
             )
-        maps, meta = tuple(_maps(archive)), _provenance(archive)
+        wide: list[str] = []
+        maps, meta = tuple(_maps(archive, None, wide)), _provenance(archive)
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
         raise InputError(f"holds {names}, of which none has one number per vertex")
-    return maps_alone(maps, meta=meta)
+    return maps_alone(maps, tuple(wide), meta)
 
 
 def _of_domains(path: Path, values: npt.NDArray[Any], labels: npt.NDArray[Any]) -> Iterator[RawMap]:
@@ -201,8 +204,10 @@ def holds_a_mesh(path: Path) -> bool:
         return True
 
 
-def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
+def _maps(archive: Any, n_vertices: int | None, wide: list[str]) -> Iterator[RawMap]:
     """Yield a map per column of the arrays with `n_vertices` rows; with None, of any length.
+
+    A clause on each array with too many columns is appended to `wide`.
 
     Exports of this program after a repair have an array ``vertex`` with the index in the mesh file
     of each row. It is used if `n_vertices` is None, that is, if no mesh is read.
@@ -233,6 +238,11 @@ def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
             if len(names) != values.shape[1]:
                 names = [f"{name} {at}" for at in range(values.shape[1])]
             yield from maps_of_columns(values, names, rows)
+        else:
+            wide.append(
+                f"has an array {printable(name, 40)} of {values.shape[1]:,} columns, of which"
+                f" {MOST_MAPS} can be taken at most, so it is left out"
+            )
 
 
 def _labels(archive: Any) -> tuple[Label, ...]:

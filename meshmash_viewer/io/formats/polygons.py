@@ -23,7 +23,7 @@ from meshmash_viewer.io.provenance import (
     stated_labels,
     stated_mesh,
 )
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_of_columns
+from meshmash_viewer.io.raw import RawMap, RawMesh, maps_of_columns, most_maps
 from meshmash_viewer.io.text import (
     Columns,
     CutShort,
@@ -375,10 +375,10 @@ def _ply_maps(
             maps += maps_of_columns(rows, [f"{name} {at}" for at in range(rows.shape[1])])
         else:
             others.append(f"lists of different lengths {printable(name, 60)!r}")
-    if len(maps) > MOST_MAPS:
-        others.append(f"{len(maps) - MOST_MAPS} of {len(maps)} columns of numbers")
-    remark = f"has {', '.join(others)}, which are left out"
-    return tuple(maps[:MOST_MAPS]), (remark,) if others else ()
+    found, remarks = most_maps(maps)
+    if others:
+        remarks += (f"has {', '.join(others)}, which are left out",)
+    return found, remarks
 
 
 def _text_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:
