@@ -223,7 +223,7 @@ def test_the_newest_request_wins_and_cancel_leaves_all(
     def slow(job: ClassesJob, channel) -> object:
         begun.append(job)
         while len(begun) == 1 or document.classes.options.kinds == ("wks",):
-            time.sleep(0.1)
+            time.sleep(0.01)
             channel.report(Progress("training"))
             if channel.cancelled():
                 break
