@@ -308,7 +308,6 @@ def rows(known: dict[str, Any]) -> dict[str, str]:
             driver, "moments", "field", times=1e3)  # fmt: skip
     formula = put("formula: mesh, surface, tables, fields (MB)", "{:.0f}", "no-op", "formula")
     put("  live tables in it (MB)", "{:.0f}", "no-op", "tables")
-    # The memory of uploaded fields, which the no-op driver never frees, is not included.
     # Software OpenGL adds the memory of the driver: its copy of the mesh, and lists of triangles of
     # up to 36 MB each, whose number depends on the timing of its threads.
     for driver in DRIVERS:

@@ -97,8 +97,6 @@ class Session:
         self.renders = [(self.canvas, self.source)]
         self.gaps = Gaps(self.drawing, order["trace"])
         self.empty = private_bytes()
-        #: Bytes of uploaded fields, which the no-op driver never frees, and the last of them.
-        self.uploaded, self._uploaded_field = 0, np.zeros(0)
         self.result: dict[str, Any] = {}
         self.moments: dict[str, float] = {}
         self.document.mesh_changed.connect(lambda: self.note("mesh"))
@@ -123,9 +121,6 @@ class Session:
         # if drawing is slow, the mesh is not drawn before its stand-in is made
         drawn = drawing.surface and drawing.surface.actor.GetVisibility()
         seen = scene.renderer.shows_coarse or drawn
-        if drawn and drawing.surface.values is not self._uploaded_field:
-            self._uploaded_field = drawing.surface.values
-            self.uploaded += self._uploaded_field.nbytes
         if self.source.field is not None and scene.mesh is self.document.mesh and seen:
             self.note("field")
             family = self.source.field.request.family
@@ -498,8 +493,7 @@ class Session:
     def measure_memory(self) -> None:
         gc.collect()
         mesh = self.document.mesh
-        kept = self.uploaded if self.result["driver"] == "no-op" else 0
-        self.result["private"] = (private_bytes() - self.empty - kept) / 1e6
+        self.result["private"] = (private_bytes() - self.empty) / 1e6
         contents = [table.content for table in self.source.live.tables.values()]
         parts = [
             part for each in contents for part in getattr(each, "__dict__", {"": each}).values()
