@@ -32,10 +32,12 @@ _NOT_READ = ("eigenvalues", "eigenvectors", "residuals")
 #: Names of the arrays of a mesh in any case, in this order of preference; most are of other
 #: programs.
 _VERTICES = (
-    *("vertices", "verts", "vert", "points", "pts", "coords", "coord", "coordinates", "positions"),
-    *("pos", "xyz", "nodes", "rr"),
-)
-_FACES = (*("faces", "triangles", "tris", "tri", "triv", "simplices", "cells", "elements", "face"),)
+    "vertices", "verts", "vert", "points", "pts", "coords", "coord", "coordinates", "positions",
+    "pos", "xyz", "nodes", "rr",
+)  # fmt: skip
+_FACES = (
+    "faces", "triangles", "tris", "tri", "triv", "simplices", "cells", "elements", "face"
+)  # fmt: skip
 #: Short names of both arrays, which are accepted only together.
 _SHORT = (("V", "F"), ("v", "f"), ("X", "T"), ("V", "T"))
 #: Arrays that describe the label numbers in the array ``labels`` in exports of this program.
