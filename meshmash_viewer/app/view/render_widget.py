@@ -119,6 +119,13 @@ class RenderWidget(QtInteractor):
         ratio = self.devicePixelRatioF()
         return (x + 0.5) * ratio, (self.height() - y - 0.5) * ratio
 
+    def close(self) -> None:  # type: ignore[override]
+        """Release the graphics resources."""
+        super().close()
+        # PySide does not invalidate a `QSurface` when Qt deletes it, because it is no QObject;
+        # PySide would return it in place of a new object at the same address.
+        self._surface = None
+
     # -- frames -----------------------------------------------------------------------------
 
     def render(self, *_: Any, **__: Any) -> None:

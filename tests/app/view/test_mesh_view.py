@@ -10,7 +10,7 @@ import pytest
 import pyvista
 import shapes
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
-from PySide6.QtGui import QImage, QWheelEvent
+from PySide6.QtGui import QImage, QSurface, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMainWindow
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
@@ -468,6 +468,14 @@ def test_closing_while_threads_work_is_quiet(scene: MeshView, sphere: Mesh, qtbo
     scene.close()
     scene.close()
     QTest.qWait(50)
+
+
+def test_a_closed_render_refers_to_no_surface_of_qt(scene: MeshView) -> None:
+    """PySide would return the deleted surface in place of a new object at the same address."""
+    plotter = scene.plotter
+    scene.close()
+    kept = [each for each in vars(plotter).values() if isinstance(each, QSurface)]
+    assert not kept
 
 
 # -- the plotter ---------------------------------------------------------------------------------
