@@ -152,8 +152,9 @@ _FIELD_COLOR = f"""//VTK::Color::Impl
 class _VertexTexture:
     """Texture with one value per vertex, read by the vertex shader at `gl_VertexID`.
 
-    VTK uploads a million float32 values as a texture in 1.6 ms, as a vertex attribute in 4.6 ms,
-    because it copies an attribute to a new array first.
+    VTK uploads the array of a texture as it is, and copies a vertex attribute to a new array first.
+    Frames drawn one after the other take 4 ms less at a million vertices; between the ticks of a
+    slider, no difference was measured.
     """
 
     def __init__(self, actor: vtkActor, name: str, size: int, dtype: npt.DTypeLike) -> None:
