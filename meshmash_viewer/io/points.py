@@ -157,9 +157,7 @@ def write_points(
         columns: Columns = {"id_to_mesh_map": found.id_to_mesh_map()}
     else:
         columns = found.table(*features)
-    table = FeatureTable(
-        np.empty((len(found), 0)), (), found.mesh, np.empty(0), archive=columns, index="point"
-    )
+    table = FeatureTable(found.mesh, columns, archive_is_table=True)
     said = {
         "kind": "points",
         "points": found.points.path or found.points.name,

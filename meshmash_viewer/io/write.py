@@ -85,7 +85,7 @@ def write_features(
         "eigenvalues": values,
         **mesh_arrays(mesh),
     }
-    table = FeatureTable(features.values, features.columns, mesh, values, archive=archive)
+    table = FeatureTable(mesh, archive, features.columns, features.values, values)
     # options given by the caller take precedence
     options = {"kind": features.kind, "values_unit": features.unit, **features.meta}
     write_table(path, "features", table, options, meta)
@@ -116,9 +116,8 @@ def write_eigenpairs(
     digits = max(3, len(str(count)))
     names = tuple(f"phi_{i:0{digits}d}" for i in range(count))
     table = FeatureTable(
-        decomposition.eigenvectors, names, mesh, decomposition.eigenvalues,
-        archive=archive, extra=extra,
-    )  # fmt: skip
+        mesh, archive, names, decomposition.eigenvectors, decomposition.eigenvalues, extra=extra
+    )
     options = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
     write_table(path, "eigenpairs", table, options, meta)
 
@@ -145,14 +144,12 @@ def write_map_spectrum(
     """
     counts = np.arange(len(spectrum))
     columns = {
+        "pair": counts,
         "eigenvalue": spectrum.eigenvalues,
         "coefficient": spectrum.coefficients,
         "share": np.array([spectrum.share(int(count) + 1) for count in counts]),
     }
-    table = FeatureTable(
-        np.column_stack(list(columns.values())), tuple(columns), mesh, spectrum.eigenvalues,
-        archive={"pair": counts, **columns}, index="pair",
-    )  # fmt: skip
+    table = FeatureTable(mesh, columns, archive_is_table=True)
     options = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
     write_table(path, "coefficients", table, options, meta)
 
@@ -164,9 +161,7 @@ def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None)
     GIFTI is in mm. `meta` are JSON-able options of the computation, or a result of `provenance`.
     `InputError` is raised if the ending is unknown or the file cannot be written.
     """
-    nothing = np.empty((mesh.n_vertices, 0))
-    table = FeatureTable(nothing, (), mesh, np.empty(0), archive=mesh_arrays(mesh))
-    write_table(path, "mesh", table, {"kind": "mesh"}, meta)
+    write_table(path, "mesh", FeatureTable(mesh, mesh_arrays(mesh)), {"kind": "mesh"}, meta)
 
 
 def write_picture(
@@ -224,7 +219,7 @@ def write_table(
     if table.labels:
         about["labels"] = [[each.key, each.name, each.color] for each in table.labels]
     if table.repaired and path.name.lower().endswith(WITHOUT_INDEX):
-        about["rows"] = _ranges(table.rows)
+        about["rows"] = _ranges(table.mesh.file_indices)
     about = json.loads(json.dumps(about, default=_plain))
     table = replace(table, meta=json.dumps(about, separators=(",", ":")))
     writer = writer_of(kind, path)

@@ -36,8 +36,7 @@ def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None 
     '"label","part","vertices","area","volume","loops","extent","x","y","z","unit"'
     """
     columns = {**table.columns, "unit": np.full(len(table), table.mesh.unit)}
-    nothing = np.empty((len(table), 0))
-    made = FeatureTable(nothing, (), table.mesh, np.empty(0), archive=columns, index="region")
+    made = FeatureTable(table.mesh, columns, archive_is_table=True)
     options = {
         "kind": "regions",
         "units": {name: table.unit_of(name) for name in table.columns},
@@ -76,7 +75,7 @@ def write_labels(
     numbers = np.where(np.isnan(known.shown), known.no_label, known.values).astype(np.int64)
     names, keys = [each.name for each in known.labels], [each.key for each in known.labels]
     colors = [each.color for each in known.labels]
-    index = "vertex" if str(path).lower().endswith((".npz", ".ply")) else "row"
+    has_mesh = str(path).lower().endswith((".npz", ".ply"))
     archive: dict[str, npt.NDArray[Any]] = {
         "labels": numbers,
         "label_numbers": np.array(keys),
@@ -84,7 +83,7 @@ def write_labels(
         "label_colors": np.array(colors),
         **mesh_arrays(surface),
     }
-    if index == "row":
+    if not has_mesh:
         whole = surface.on_file(numbers.astype(np.float64))
         numbers = np.nan_to_num(whole, nan=known.no_label).astype(np.int64)
         places = np.nan_to_num(VertexMap("", numbers, known.labels).shown, nan=-1.0).astype(int)
@@ -95,8 +94,8 @@ def write_labels(
             "color": np.array([*colors, None], dtype=object)[places],
         }
     table = FeatureTable(
-        numbers[:, np.newaxis], (known.name,), surface, np.empty(0),
-        archive=archive, labels=known.labels, index=index,
+        surface, archive, (known.name,), numbers[:, np.newaxis],
+        labels=known.labels, archive_is_table=not has_mesh,
     )  # fmt: skip
     options = {"kind": "labels", "unlabelled": known.no_label}
     write_table(path, "labels", table, options, meta)

@@ -23,36 +23,29 @@ from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use
 
 @dataclass(frozen=True, eq=False)
 class FeatureTable:
-    """Input of a writer: one row per vertex, or per item of kind `index`."""
+    """Input of a writer: a mesh and columns of values at its vertices, or another table."""
 
-    #: Shape (n, f).
-    values: npt.NDArray[Any]
-    columns: tuple[str, ...]
     mesh: Mesh
+    #: Arrays for an NPZ file, without the provenance.
+    archive: dict[str, npt.NDArray[Any]]
+    columns: tuple[str, ...] = ()
+    #: Shape (n, f): A row per vertex; without columns, the shape is not used.
+    values: npt.NDArray[Any] = field(default_factory=lambda: np.empty((0, 0)))
     #: Shape (k,): Eigenvalues of the pairs used for the features; empty if not given.
-    eigenvalues: npt.NDArray[np.float64]
+    eigenvalues: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     #: Provenance, one line of JSON.
     meta: str = ""
-    #: Arrays for an NPZ file, without the provenance.
-    archive: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     #: Arrays with other lengths than the table, for formats that support them.
     extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     #: Labels of the numbers in `values`, for a label set.
     labels: tuple[Label, ...] = ()
-    #: Kind of a row: "vertex"; for "pair", "region", "point", "row", all columns are in `archive`.
-    index: str = "vertex"
-
-    @property
-    def rows(self) -> npt.NDArray[np.int64]:
-        """Index of each row, shape (n,); for vertices, the index in the mesh file."""
-        if self.index == "vertex":
-            return self.mesh.file_indices
-        return np.arange(len(self.values))
+    #: Whether CSV and Parquet have the columns of `archive`, in place of a row per vertex.
+    archive_is_table: bool = False
 
     @property
     def repaired(self) -> bool:
-        """Whether vertex indices in the mesh file and in the mesh may differ."""
-        return self.mesh.numbering is not None and self.index == "vertex"
+        """Whether a row is a vertex whose index in the mesh file may be another."""
+        return self.mesh.numbering is not None and not self.archive_is_table
 
 
 #: Factors for the conversion of lengths to mm, by unit.
@@ -76,9 +69,9 @@ def _arrow_table(table: FeatureTable) -> Any:
     import pyarrow
 
     columns = table.archive
-    if table.index == "vertex":
+    if not table.archive_is_table:
         values = zip(table.columns, table.values.T, strict=True)
-        columns = {table.index: table.rows, **dict(values)}
+        columns = {"vertex": table.mesh.file_indices, **dict(values)}
     arrays = [pyarrow.array(np.ascontiguousarray(column)) for column in columns.values()]
     return pyarrow.table(arrays, names=list(columns))
 
@@ -104,7 +97,7 @@ def _vtp(path: Path, table: FeatureTable) -> None:
     for name, column in zip(table.columns, table.values.T, strict=True):
         poly.point_data.set_array(np.ascontiguousarray(column), name)
     if table.repaired:
-        poly.point_data.set_array(table.rows, table.index)
+        poly.point_data.set_array(table.mesh.file_indices, "vertex")
     if table.columns:
         poly.point_data.active_scalars_name = table.columns[0]
     for name, values in table.extra.items():
@@ -121,18 +114,20 @@ def _vtp(path: Path, table: FeatureTable) -> None:
 
 
 def _ply(path: Path, table: FeatureTable) -> None:
-    names = property_names(table.columns)
-    index = [table.index] if table.repaired else []
-    whole = table.values.dtype.kind == "i"
-    kinds = [*((axis, "<f8") for axis in "xyz"), *((name, "<i4") for name in index)]
-    kinds += [(name, "<i4" if whole else "<f4") for name in names]
-    records = np.empty(len(table.values), dtype=kinds)
-    for name in index:
-        records[name] = table.rows
-    for axis, coordinates in zip("xyz", table.mesh.vertices.T, strict=True):
-        records[axis] = coordinates
-    for name, column in zip(names, table.values.T, strict=True):
-        records[name] = column
+    types = {"double": "<f8", "float": "<f4", "int": "<i4"}
+    columns = [
+        (axis, "double", each) for axis, each in zip("xyz", table.mesh.vertices.T, strict=True)
+    ]
+    if table.repaired:
+        columns.append(("vertex", "int", table.mesh.file_indices))
+    kind, names = (
+        "int" if table.values.dtype.kind == "i" else "float",
+        property_names(table.columns),
+    )
+    columns += [(name, kind, each) for name, each in zip(names, table.values.T, strict=True)]
+    records = np.empty(table.mesh.n_vertices, [(name, types[kind]) for name, kind, _ in columns])
+    for name, _, each in columns:
+        records[name] = each
     triangles = np.empty(table.mesh.n_faces, dtype=[("count", "u1"), ("corners", "<i4", 3)])
     triangles["count"] = 3
     triangles["corners"] = table.mesh.faces
@@ -141,9 +136,7 @@ def _ply(path: Path, table: FeatureTable) -> None:
         "format binary_little_endian 1.0",
         *comment_lines(table.meta, "comment"),
         f"element vertex {len(records)}",
-        *(f"property double {axis}" for axis in "xyz"),
-        *(f"property int {name}" for name in index),
-        *(f"property {'int' if whole else 'float'} {name}" for name in names),
+        *(f"property {kind} {name}" for name, kind, _ in columns),
         f"element face {len(triangles)}",
         "property list uchar int vertex_indices",
         "end_header",
