@@ -70,7 +70,8 @@ def obtain_eigenpairs(
     keeper = _Keeper(stores, in_file=spare is not None)
     try:
         # another process may have computed the pairs before the lock was acquired
-        return _answer(stores, request) or keeper.run(mesh, operator, request), keeper.remark
+        pairs = _answer(stores, request) or keeper.run(mesh, operator, request)
+        return pairs, " ".join(keeper.remarks)
     finally:
         for store in stores:
             store.close()
@@ -128,20 +129,12 @@ class _Keeper:
     """
 
     def __init__(self, stores: list[EigenpairStore], in_file: bool) -> None:
-        self._remarks: list[str] = []
-        #: Stored pairs at the start of the run, and their store.
-        self._known: Eigenpairs | None = None
-        self._source: EigenpairStore | None = None
-        self._all = stores
-        self._left = list(stores)
+        #: Sentences for the user on unusable or damaged stores.
+        self.remarks: list[str] = []
+        self._stores, self._left = stores, list(stores)
         self._in_file = in_file
         self._store: EigenpairStore | None = None
         self._take_next()
-
-    @property
-    def remark(self) -> str:
-        """Sentences for the user on unusable or damaged stores."""
-        return " ".join(self._remarks)
 
     def run(self, mesh: Mesh, operator: OperatorOptions, request: Request) -> Eigenpairs:
         """Compute the missing pairs, and return all pairs of the request."""
@@ -150,9 +143,9 @@ class _Keeper:
         from meshmash_viewer.spectral.eigensolver import Run
 
         free = free_memory()
-        self._known, remark, self._source = _longest(self._all, None, request.cancel)
-        if remark:
-            self._remarks.append(remark)
+        known, damage, source = _longest(self._stores, None, request.cancel)
+        if damage:
+            self.remarks.append(damage)
         if request.progress is not None:
             request.progress(Progress("operator", message="Building the Laplacian"))
         stiffness, mass = cotangent_laplacian(
@@ -164,7 +157,10 @@ class _Keeper:
 
         def allocate(k: int, n: int, n_kept: int) -> FloatArray:
             fits(k)
-            return self._allocate(k, n, n_kept)
+            rows, store = self._allocate(k, n, n_kept, source)
+            if known is not None and store is not source:
+                rows[:n_kept] = known.rows[:n_kept]
+            return rows
 
         def publish(pairs: Eigenpairs) -> None:
             self._append(pairs)
@@ -176,29 +172,23 @@ class _Keeper:
 
         if request.n_components is not None:
             fits(request.n_components)
-        none = Eigenpairs(np.zeros(0), np.zeros((0, mesh.n_vertices)), np.zeros(0))
-        known = self._known or none
-        follow(Eigenpairs(known.eigenvalues, known.rows, known.residuals, mass=mass.diagonal()))
-        solve = replace(request, known=self._known, allocate=allocate, on_pairs=publish)
+        first = known or Eigenpairs(np.zeros(0), np.zeros((0, mesh.n_vertices)), np.zeros(0))
+        follow(Eigenpairs(first.eigenvalues, first.rows, first.residuals, mass=mass.diagonal()))
+        solve = replace(request, known=known, allocate=allocate, on_pairs=publish)
         pairs = Run(stiffness, mass, solve).pairs()
         self._append(pairs)
         return replace(self._mapped(pairs), operator=operator)
 
-    def _allocate(self, k: int, n: int, n_kept: int) -> FloatArray:
-        """Allocate k rows; the first `n_kept` have the eigenvectors of the known pairs."""
-        rows: FloatArray | None = None
-        while rows is None and self._store is not None:
-            in_place = self._store is self._source
+    def _allocate(
+        self, k: int, n: int, n_kept: int, source: EigenpairStore | None
+    ) -> tuple[FloatArray, EigenpairStore | None]:
+        """Allocate k rows in a store, or in memory; `source` keeps its first `n_kept` rows."""
+        while (store := self._store) is not None:
             try:
-                rows = self._store.allocate(k, n, n_kept if in_place else 0)
+                return store.allocate(k, n, n_kept if store is source else 0), store
             except StoreUnusable as fault:
-                self._take_next(fault)
-        if rows is None:
-            rows = np.empty((k, n))
-        if n_kept and (self._store is None or self._store is not self._source):
-            assert self._known is not None
-            rows[:n_kept] = self._known.rows[:n_kept]
-        return rows
+                self._pass_over(fault)
+        return np.empty((k, n)), None
 
     def _append(self, pairs: Eigenpairs) -> None:
         """Publish pairs in the store; if it fails, in the next store."""
@@ -207,7 +197,7 @@ class _Keeper:
                 self._store.append(pairs)
                 return
             except StoreUnusable as fault:
-                self._take_next(fault)
+                self._pass_over(fault)
 
     def _mapped(self, pairs: Eigenpairs) -> Eigenpairs:
         """Return pairs with rows mapped read-only if they are in a file."""
@@ -215,22 +205,19 @@ class _Keeper:
             return pairs
         return replace(pairs, rows=self._store.map(len(pairs)))
 
-    def _take_next(self, fault: StoreUnusable | None = None) -> None:
-        """Lock the next usable store; add a remark for each unusable store."""
-        self._store = None
-        while True:
-            if fault is not None:
-                if self._in_file and not self._left:
-                    raise fault
-                what = "until the window is closed" if self._left else "only in memory"
-                self._remarks.append(f"{fault} The eigenpairs are kept {what}.")
-            if not self._left:
-                return
-            store = self._left.pop(0)
+    def _take_next(self) -> None:
+        """Lock the next usable store, if any."""
+        self._store = self._left.pop(0) if self._left else None
+        if self._store is not None:
             try:
-                store.lock()
-            except StoreUnusable as another:
-                fault = another
-            else:
-                self._store = store
-                return
+                self._store.lock()
+            except StoreUnusable as fault:
+                self._pass_over(fault)
+
+    def _pass_over(self, fault: StoreUnusable) -> None:
+        """Add a remark on the unusable store, and take the next one."""
+        if self._in_file and not self._left:
+            raise fault
+        what = "until the window is closed" if self._left else "only in memory"
+        self.remarks.append(f"{fault} The eigenpairs are kept {what}.")
+        self._take_next()
