@@ -22,17 +22,16 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, TypeVar
+from typing import IO, Any, TypeVar
 
 from meshmash_viewer.errors import InputError
 
 #: Prefix of the names of partial files.
 LEFT_OVER = ".meshmash-"
-#: ".meshmash-<machine>-<process>-<random>-<name>": names of partial files.
-_PART = re.compile(r"\.meshmash-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}-.", re.DOTALL)
-#: Prefix of the names of temporary folders, before the hash of the machine and the process number.
+#: Prefix of the names of temporary folders. In both kinds of names, the hash of the machine and
+#: the process number follow: ".meshmash-<machine>-<process>-<random>-<name>".
 _SCRATCH = "meshmash-viewer-"
-_OWNED = re.compile(_SCRATCH + r"([0-9a-f]{8})-(\d+)-")
+_OWNER = re.compile(rf"(?:{re.escape(LEFT_OVER)}|{_SCRATCH})([0-9a-f]{{8}})-(\d+)-")
 #: Seconds after which files of processes on another machine are considered abandoned.
 _FORGOTTEN = 86_400.0
 #: Seconds for which an operation blocked by another program is retried, and between retries.
@@ -45,7 +44,7 @@ _NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
 _T = TypeVar("_T")
 
 
-def persistently(act: Callable[[], _T]) -> _T:
+def persistently(act: Callable[..., _T], *arguments: Any) -> _T:
     """Call a file operation, retry it for a second on `PermissionError`, and return its result.
 
     `PermissionError` is raised if the last retry fails. Other errors are raised at once.
@@ -53,7 +52,7 @@ def persistently(act: Callable[[], _T]) -> _T:
     deadline = time.monotonic() + _PATIENCE
     while True:
         try:
-            return act()
+            return act(*arguments)
         except PermissionError:
             if time.monotonic() >= deadline:
                 raise
@@ -92,13 +91,13 @@ def written_together(*paths: Path) -> Iterator[list[Path]]:
         yield parts
         # the content must be on the disk before the rename
         for part in parts:
-            persistently(functools.partial(_flush, part))
+            persistently(_flush, part)
         for part, path in zip(parts, paths, strict=True):
-            persistently(functools.partial(os.replace, part, path))
+            persistently(os.replace, part, path)
     except BaseException:
         for part in parts:
             with contextlib.suppress(OSError):  # the error of the body is raised
-                persistently(functools.partial(part.unlink, missing_ok=True))
+                persistently(part.unlink, True)
         raise
 
 
@@ -110,11 +109,9 @@ def _flush(path: Path) -> None:
 def remove_left_overs(folder: Path) -> None:
     """Delete the partial files of killed processes."""
     with contextlib.suppress(OSError):  # the write reports a missing folder
-        names = [entry.name for entry in os.scandir(folder) if entry.name.startswith(LEFT_OVER)]
-        for name in names:
-            found = _PART.match(name)
-            if found is not None and _is_left(folder / name, found):
-                discard(folder / name)
+        for path in folder.glob(f"{LEFT_OVER}*"):
+            if _OWNER.match(path.name) and _is_left(path):
+                discard(path)
 
 
 def scratch_prefix() -> str:
@@ -126,12 +123,13 @@ def remove_abandoned() -> None:
     """Delete the temporary folders of killed processes."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*"):
         with contextlib.suppress(OSError):  # another user's folder, or just deleted
-            if folder.is_dir() and _is_left(folder, _OWNED.match(folder.name)):
+            if folder.is_dir() and _is_left(folder):
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-def _is_left(path: Path, owner: re.Match[str] | None) -> bool:
+def _is_left(path: Path) -> bool:
     """Whether a file's process has ended; on another machine, whether the file is a day old."""
+    owner = _OWNER.match(path.name)
     if owner is None or owner[1] != _machine():
         return time.time() - path.stat().st_mtime > _FORGOTTEN
     import psutil

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import functools
 import hashlib
 import json
 import os
@@ -251,7 +250,7 @@ class EigenpairStore:
         if not n_kept:
             # a new file, so that existing maps of the old one stay valid
             for name in (PAIRS, ROWS):
-                persistently(functools.partial((self.folder / name).unlink, missing_ok=True))
+                persistently((self.folder / name).unlink, True)
         elif self.damage:
             # before rows from the damaged one on are overwritten
             self._published.write(self.folder / PAIRS, self.folder.name)
