@@ -386,3 +386,15 @@ def test_arrays_without_a_name_have_that_of_the_file(tmp_path: Path) -> None:
     GiftiImage(darrays=arrays).to_filename(tmp_path / "rest.func.gii")
     found = read_maps(tmp_path / "rest.func.gii", MESH)
     assert [each.name for each in found] == ["rest.func.gii 0", "rest.func.gii 1"]
+
+
+def test_maps_in_the_rows_of_an_array_are_read(tmp_path: Path) -> None:
+    sphere = shapes.icosphere(2)
+    height = sphere.vertices[:, 2]
+    np.savez(path := tmp_path / "rows.npz", both=np.stack([height, -height]))
+    found = read_maps(path, sphere)
+    assert [each.name for each in found] == ["both 0", "both 1"]
+    np.testing.assert_array_equal(found[1].values, -height)
+    np.savez(path, wide=np.ones((162, 65)))
+    with pytest.raises(InputError, match="an array wide of 65 columns, of which 64 can be taken"):
+        read_maps(path, sphere)

@@ -158,6 +158,7 @@ BROKEN = {
         "0,501\n0,733\n1,250\n1,104\n",
         "decimal comma, or of two whole numbers: write decimals with a point",
     ),
+    "one row": (",".join(["0.5"] * 65) + "\n", "1 row of 65 numbers and needs a row for each vert"),
     "one": ("a\n1\n", "has 1 value and the mesh 4 vertices"),
     "too few": ("a\n1\n2\n3\n", "3 values and the mesh 4 vertices"),
 }
@@ -165,7 +166,8 @@ BROKEN = {
 
 @pytest.mark.parametrize("ending", [".csv", ".tsv", ".txt"])
 @pytest.mark.parametrize(
-    "rows", [("0.25", "1.5", "2", "-3e-2"), ("3", "1", "2", "0"), ("nan", "1", "2", "3")]
+    "rows",
+    [("0.25", "1.5", "2", "-3e-2"), ("3", "1", "2", "0"), ("nan", "1", "2", "3"), tuple("0123")],
 )
 def test_a_column_without_a_name(ending: str, rows: tuple[str, ...], tmp_path: Path) -> None:
     path, values = tmp_path / f"depth{ending}", list(map(float, rows))

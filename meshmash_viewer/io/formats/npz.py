@@ -148,8 +148,7 @@ def npy_maps(path: Path) -> RawMesh:
         return maps_alone(RawMap(name, values[name].copy()) for name in values.dtype.names)
     if values.ndim == 1:
         return maps_alone([RawMap("", values)])
-    if values.shape[1] > MOST_MAPS >= len(values):  # rows are maps, as no mesh has so few vertices
-        values = values.T
+    values = _with_row_per_vertex(values)
     count = values.shape[1]
     if count > MOST_MAPS:
         raise InputError(f"has {count:,} columns, of which {MOST_MAPS} can be taken at most")
@@ -158,6 +157,11 @@ def npy_maps(path: Path) -> RawMesh:
     if len(names) != count:
         names = [f"column {at}" for at in range(count)]
     return maps_alone(maps_of_columns(values, names), meta=meta)
+
+
+def _with_row_per_vertex(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Transpose a 2-D array whose rows are maps: it has fewer rows than any mesh has vertices."""
+    return values.T if values.shape[-1] > MOST_MAPS >= len(values) and values.ndim == 2 else values
 
 
 def npz_maps(path: Path) -> RawMesh:
@@ -176,7 +180,8 @@ def npz_maps(path: Path) -> RawMesh:
         maps, meta = tuple(_maps(archive, None, wide)), _provenance(archive)
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
-        raise InputError(f"holds {names}, of which none has one number per vertex")
+        none = f"holds {names}, of which none has one number per vertex"
+        raise InputError(wide[0] if wide else none)
     return maps_alone(maps, tuple(wide), meta)
 
 
@@ -228,8 +233,12 @@ def _maps(archive: Any, n_vertices: int | None, wide: list[str]) -> Iterator[Raw
             values = _array(archive, name)
         except InputError:  # a damaged array does not prevent reading the others
             continue
-        length = n_vertices or (len(values) if rows is None else len(rows)) if values.ndim else 0
-        if values.ndim not in (1, 2) or len(values) != length or not length:
+        if values.ndim not in (1, 2):
+            continue
+        if len(values) != n_vertices:
+            values = _with_row_per_vertex(values)
+        length = n_vertices or len(values if rows is None else rows)
+        if len(values) != length or not length:
             continue
         if values.ndim == 1:
             named = labels if name == "labels" else ()

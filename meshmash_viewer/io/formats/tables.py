@@ -18,6 +18,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import second_file
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, are_ascending_indices, maps_alone
+from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import COLOR, Label
 
 if TYPE_CHECKING:
@@ -261,7 +262,8 @@ def _maps(table: pyarrow.Table) -> RawMesh:
         except InputError as fault:
             left_out.append(f"{printable(name, 60)!r} ({fault})")
             continue
-        if name not in ROW_NUMBERS or not np.array_equal(values, np.arange(len(values))):
+        is_index = name in ROW_NUMBERS and np.array_equal(values, np.arange(len(values)))
+        if not is_index or table.num_columns == 1:
             columns.append((name, values))
     order, rows = _rows([values for name, values in columns if name == "vertex"])
     found = [
@@ -277,6 +279,11 @@ def _maps(table: pyarrow.Table) -> RawMesh:
     if not found:
         columns_said = printable(", ".join(left_out), 200) if left_out else "it has no columns"
         raise InputError(f"has no column of numbers: {columns_said}")
+    if len(found) > MOST_MAPS >= table.num_rows:
+        raise InputError(
+            f"has {counted(table.num_rows, 'row')} of {len(found):,} numbers and needs a row for"
+            " each vertex, so transpose it"
+        )
     if len(found) > MOST_MAPS:
         raise InputError(f"has {len(found):,} columns, of which {MOST_MAPS} can be taken at most")
     said = f"has columns that are left out: {', '.join(left_out)}"
