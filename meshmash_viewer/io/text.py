@@ -61,16 +61,6 @@ def with_newlines(data: bytes) -> bytes:
     return data
 
 
-def cut_remark(text: bytes) -> tuple[str, ...]:
-    """Return a clause if a text ends within a line, as then its last number may be cut short."""
-    if text[-1000:].rstrip(b" \t\0\x1a")[-1:] in b"\r\n":
-        return ()
-    return (
-        "ends without a line end, so its last line may be cut short: compare its size with that of"
-        " the original",
-    )
-
-
 class NotANumber(InputError):
     """A word is no number; `line` is its line in the text, counted from 0."""
 

@@ -49,7 +49,7 @@ def ply_header(kind: str, n_faces: int = len(FACES)) -> bytes:
         f"ply\nformat {kind} 1.0\ncomment test\nelement vertex {len(VERTICES)}\n"
         "property float x\nproperty float y\nproperty float z\nproperty uchar red\n"
         f"element face {n_faces}\nproperty list uchar int vertex_indices\n"
-        "property float quality\nend_header\n"
+        "property float alpha\nend_header\n"
     ).encode()
 
 

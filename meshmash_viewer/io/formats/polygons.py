@@ -31,7 +31,6 @@ from meshmash_viewer.io.text import (
     Lines,
     NotANumber,
     Property,
-    cut_remark,
     parse_rows,
     read_text,
     rows_of_text,
@@ -54,7 +53,6 @@ def read_off(path: Path) -> RawMesh:
     content.
     """
     data = read_text(path)
-    remarks = cut_remark(data)
     if b"#" in data:
         data = re.sub(rb"#[^\n]*", b"", data)
     header = _OFF_HEADER.match(data)
@@ -99,11 +97,13 @@ def read_off(path: Path) -> RawMesh:
     if not np.array_equal(corners, np.floor(corners)):
         raise InputError("has a face with a vertex index that is no whole number")
     indices = np.clip(corners, -1.0, 2.0**53).astype(np.int64)
-    return RawMesh(vertices, triangulate(vertices, indices, many), remarks=remarks)
+    return RawMesh(vertices, triangulate(vertices, indices, many))
 
 
 # -- OBJ ----------------------------------------------------------------------------------------
 
+#: Remark on an OBJ file that ends within a line.
+_CUT = "ends within a line, so it may be cut short: compare its size with that of the original"
 #: Comments, and texture and normal indices of corners, which are removed.
 _OBJ_NOT_READ = re.compile(rb"#[^\n\v]*|/\S*")
 
@@ -117,7 +117,6 @@ def read_obj(path: Path) -> RawMesh:
     the message names the line.
     """
     text = read_text(path)
-    remarks = cut_remark(text)
     if b"\\" in text:  # a backslash continues a line
         text = re.sub(rb"\\[ \t]*\n", rb" \v", text)
     lines = Lines(_OBJ_NOT_READ.sub(b"", text))
@@ -127,7 +126,22 @@ def read_obj(path: Path) -> RawMesh:
     vertices = _obj_vertices(lines, vertex_lines)
     before = np.searchsorted(vertex_lines, face_lines)
     corners, counts = _obj_faces(lines, face_lines, before, len(vertices))
-    return RawMesh(vertices, triangulate(vertices, corners, counts), remarks=remarks)
+    return RawMesh(
+        vertices,
+        triangulate(vertices, corners, counts),
+        remarks=(_CUT,) * _ends_within_line(text, counts),
+    )
+
+
+def _ends_within_line(text: bytes, counts: IntArray) -> bool:
+    """Whether the last line has no end, and is neither a vertex nor as long as the face before.
+
+    `counts` are the numbers of corners of the faces.
+    """
+    words = text.rstrip(b" \t\0\x1a").rpartition(b"\n")[2].lower().split()
+    if words[:1] == [b"f"]:
+        return bool(counts[-1] < max(3, counts[-2:].max()))
+    return words[:1] not in ([], [b"v"])
 
 
 def _obj_vertices(lines: Lines, which: IntArray) -> FloatArray:
@@ -317,8 +331,10 @@ _PLY_TYPES = {
 _PLY_TYPES |= {np.dtype(code).name: code for code in (*_PLY_TYPES.values(), "i8", "u8")}
 _PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNER_NAMES = ("vertex_indices", "vertex_index")
-#: Vertex properties that are not read as maps: coordinates, normals, colours, texture.
-_NO_MAPS = re.compile(r"[xyz]|n[xyz]|(diffuse_)?(red|green|blue|alpha)|[stuv]|texture_[uv]")
+#: Properties that are left out without a remark: coordinates, normals, colours, texture.
+_NO_MAPS = re.compile(
+    r"[xyz]|n[xyz]|(diffuse_)?(red|green|blue|alpha)|[stuv]|texture_[uv]|texcoord|texnumber"
+)
 
 
 def read_ply(path: Path) -> RawMesh:
@@ -346,12 +362,19 @@ def read_ply(path: Path) -> RawMesh:
         raise InputError("has vertices without x, y and z")
     vertices = np.column_stack(axes).astype(np.float64)  # type: ignore[arg-type]
     maps, remarks = _ply_maps(of_vertex, names_of_properties(meta), stated_labels(meta))
+    of_faces = [name for columns in columns_of.get("face", []) for name in columns]
+    others = [
+        repr(printable(name, 60))
+        for name in of_faces
+        if name not in _CORNER_NAMES and not _NO_MAPS.fullmatch(name)
+    ]
+    if others:
+        remarks += (f"has values of its faces {', '.join(others)}, which are left out",)
     faces = [triangulate(vertices, *_ply_corners(each)) for each in columns_of.get("face", [])]
     for each in columns_of.get("tristrips", []):
         faces.append(strip_triangles(*_without_breaks(*_ply_corners(each))))
     triangles = np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
     unit, structure = stated_mesh(meta)
-    remarks += cut_remark(data) if is_text else ()
     return RawMesh(vertices, triangles, unit, maps, remarks, structure, meta)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -20,7 +19,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_of_columns
-from meshmash_viewer.io.text import cut_remark, unmarked
+from meshmash_viewer.io.text import unmarked
 from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.vertex_map import MOST_LABELS, Label
 
@@ -82,10 +81,7 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     if content is not whole:
         reader.ReadFromInputStringOn()
         reader.SetBinaryInputString(content, len(content))
-    raw = _from_polydata(_surface(_output(reader, path)), _colors_of_labels(content))
-    if _TEXT_KIND.match(content):
-        raw = replace(raw, remarks=raw.remarks + cut_remark(content))
-    return raw
+    return _from_polydata(_surface(_output(reader, path)), _colors_of_labels(content))
 
 
 def _surface(output: Any) -> Any:
