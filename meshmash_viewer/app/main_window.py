@@ -192,7 +192,7 @@ class MainWindow(ScriptedWindow):
         self.controller = self.opening.controller = Controller(self.document, self.scene, self)
         self.controller.drawn.connect(self._on_drawn)
         self.label_thread = LabelThread(self.document, self.scene, self)
-        self.label_thread.measured.connect(self.label_panel.show_sizes)
+        self.label_thread.measured.connect(self.label_panel.table.show_sizes)
         self.select_tool = SelectTool(self.document, self.scene, self.controller, self)
         self.commands.select_tool = self.select_tool
         self.commands.cutting = Cutting(self.document, self.scene)

@@ -116,8 +116,7 @@ class Labels:
         name = self._maps.displayed
         made = (each.name for each in self.sets if not self._is_predicted(each))
         if name != self._chosen and name in made:
-            self._chosen = name
-            self.changed.emit()
+            self.choose(name, displayed=False)
 
     @_said
     def new_set(self) -> None:
@@ -146,9 +145,8 @@ class Labels:
         key = max(0, int(known.values.max()), *(label.key for label in known.labels)) + 1
         numbered = (f"label {number}" for number in count(len(taken) + 1))
         name = next(each for each in numbered if each not in taken)
-        self._change(
-            "new label", labels=(*known.labels, Label(key, name, _free_color(known.labels)))
-        )
+        added = Label(key, name, _free_color(known.labels))
+        self._change("new label", labels=(*known.labels, added))
 
     @_said
     def rename(self, key: int, name: str) -> None:
@@ -209,18 +207,12 @@ class Labels:
             return
         to = known.no_label if key is None else self._label(key).key
         changing = mask & (known.values != to)
-        locked = [label.key for label in known.labels if label.locked]
-        kept = changing & np.isin(known.values, locked)
-        if not changing.any():
-            return
+        kept = changing & np.isin(known.values, [each.key for each in known.labels if each.locked])
+        changing &= ~kept
         said = list[str]()
         if n_kept := int(np.count_nonzero(kept)):
-            them = "its" if n_kept == 1 else "their"
-            said += [
-                f"{counted(n_kept, 'vertex')} of locked labels kept {them} label: unlock it in the"
-                " Labels panel to change that"
-            ]
-        changing &= ~kept
+            vertices = f"{counted(n_kept, 'vertex')} of locked labels"
+            said += [f"{vertices} unchanged: unlock the label in the Labels panel to change that"]
         if n_given := int(np.count_nonzero(changing)):
             step = "removal from labels" if key is None else "labels"
             self._change(step, values=np.where(changing, to, known.values))
@@ -233,12 +225,10 @@ class Labels:
     @_said
     def assign_nth(self, number: int) -> None:
         """Assign the selected vertices to the label at a position of the list, from 1."""
-        labels = () if self.current is None else self.current.labels
+        labels = self._set.labels
         if number > len(labels):
-            has = f"are {counted(len(labels), 'label')}" if labels else "is no label set"
-            raise InputError(
-                f"There is no label {number}, as there {has}: make one with New label."
-            )
+            said = f"There is no label {number}, as there are {counted(len(labels), 'label')}"
+            raise InputError(f"{said}: make one with New label.")
         self.assign(labels[number - 1].key)
 
     @_said
@@ -301,10 +291,10 @@ class Labels:
         return known
 
     def _label(self, key: int) -> Label:
-        for label in self._set.labels:
-            if label.key == key:
-                return label
-        raise InputError(f"{self._set.name} has no label of number {key}: choose another.")
+        labels = {label.key: label for label in self._set.labels}
+        if key not in labels:
+            raise InputError(f"{self._set.name} has no label of number {key}: choose another.")
+        return labels[key]
 
     def _mask(self, keys: Collection[int]) -> npt.NDArray[np.bool_]:
         """Return the mask of the vertices with some labels, shape (n,)."""

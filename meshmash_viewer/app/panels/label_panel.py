@@ -25,7 +25,6 @@ from meshmash_viewer.io.write_labels import write_regions
 from meshmash_viewer.io.writers import SPECTRUM_WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.labels import LabelSizes
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted
@@ -49,8 +48,6 @@ class LabelPanel(QWidget):
         #: The displayed field, whose means are measured in regions.
         self.field: Field | None = None
         self._document = document
-        #: A measured set, and the sizes of its labels.
-        self._measured: tuple[VertexMap, LabelSizes] | None = None
         self._build()
         changes = (
             document.labels.changed, document.spectrum_changed, document.mesh_changed,
@@ -227,8 +224,6 @@ class LabelPanel(QWidget):
         self._enable(known is not None, "label_save", "label_remove_set")
         self.table.show_labels(known)
         show_quietly(self.borders_check, self._document.display.label_borders)
-        if self._measured is not None and self._measured[0] is known:
-            self.table.show_sizes(self._measured[1])
         self._refresh_regions(known)
         self._refresh_hint()
         self._refresh_buttons()
@@ -276,8 +271,3 @@ class LabelPanel(QWidget):
     def _enable(self, on: bool, *names: str) -> None:
         for name in names:
             self._buttons[name].setEnabled(on)
-
-    def show_sizes(self, known: VertexMap, sizes: LabelSizes) -> None:
-        """Show the sizes of the labels of a set, once the set is displayed in the table."""
-        self._measured = known, sizes
-        later(self.refresh)

@@ -105,13 +105,13 @@ class LabelTable(Table):
         row_height = self.verticalHeader().defaultSectionSize()
         self.setFixedHeight(self.horizontalHeader().sizeHint().height() + shown * row_height + 4)
 
-    def show_sizes(self, sizes: LabelSizes) -> None:
-        """Show the number of vertices and the area of each label."""
-        if sizes is not self._sizes:
-            self._sizes = sizes
-            last = self.rows.index(len(self.labels) - 1, SHOWN)
-            self.rows.dataChanged.emit(self.rows.index(0, VERTICES), last)
-            self.rows.headerDataChanged.emit(Qt.Orientation.Horizontal, AREA, AREA)
+    def show_sizes(self, known: VertexMap, sizes: LabelSizes) -> None:
+        """Show a set with the number of vertices and the area of each label."""
+        self.show_labels(known)
+        self._sizes = sizes
+        last = self.rows.index(len(self.labels) - 1, SHOWN)
+        self.rows.dataChanged.emit(self.rows.index(0, VERTICES), last)
+        self.rows.headerDataChanged.emit(Qt.Orientation.Horizontal, AREA, AREA)
 
     @property
     def n_rows(self) -> int:
