@@ -27,18 +27,17 @@ class MaskOfMesh:
         self._opened, self._history = opened, history
         #: Shape (n,), read-only; None for no vertex.
         self.mask: Mask | None = None
-        history.keep(self.part, lambda: self.mask, self._restore)
+        history.keep(self.part, lambda: self.mask, self.put)
 
     def put(self, mask: Mask | None) -> None:
         """Replace the mask without a step of the history."""
-        if mask is not None:
-            mask = checked_mask(mask, self._opened.mesh)
-        self.mask = mask
+        self.mask = checked_mask(mask, self._opened.mesh)
         self.changed.emit()
 
     def set(self, mask: Mask | None, label: str = "") -> None:
         """Replace the mask as one change; `label` completes "Undo …"."""
-        if not same_mask(mask, self.mask):
+        mask = checked_mask(mask, self._opened.mesh)
+        if not self._is(mask):
             self._history.record(label or self.part, self.part)
             self.put(mask)
 
@@ -48,10 +47,12 @@ class MaskOfMesh:
         The caller emits `changed`.
         """
         mask = None if before is None else followed_mask(self.mask, before, now)
-        self.mask = None if mask is None else checked_mask(mask, now)
+        self.mask = checked_mask(mask, now)
 
-    def _restore(self, mask: Mask | None) -> None:
-        self.put(mask)
+    def _is(self, mask: Mask | None) -> bool:
+        if mask is None or self.mask is None:
+            return mask is self.mask
+        return np.array_equal(mask, self.mask)
 
 
 class Hiding(MaskOfMesh):
@@ -76,24 +77,24 @@ class Selection(MaskOfMesh):
     """The selected vertices; calls of `draw` until `finish` are recorded as one change."""
 
     part = "selection"
+    _drawing = False
 
-    def __init__(self, opened: OpenMesh, history: History) -> None:
-        super().__init__(opened, history)
+    def put(self, mask: Mask | None) -> None:
         self._drawing = False
+        super().put(mask)
 
-    def set(self, mask: Mask | None, label: str = "selection") -> None:
-        """Replace the selection as one change, whose label completes "Undo …"."""
+    def set(self, mask: Mask | None, label: str = "") -> None:
         self.finish()
         super().set(mask, label)
 
-    def draw(self, mask: Mask | None, label: str = "selection") -> None:
+    def draw(self, mask: Mask, label: str) -> None:
         """Replace the selection as a part of one change, which `finish` ends."""
         if not self._drawing:
-            if same_mask(mask, self.mask):
+            if self._is(checked_mask(mask, self._opened.mesh)):
                 return
-            self._history.record(label, "selection")
-            self._drawing = True
-        self.put(mask)
+            self._history.record(label, self.part)
+        super().put(mask)
+        self._drawing = True
 
     def finish(self) -> None:
         """End the change that `draw` began."""
@@ -125,10 +126,6 @@ class Selection(MaskOfMesh):
         """Select nothing."""
         self.set(None, "clearing of the selection")
 
-    def _restore(self, mask: Mask | None) -> None:
-        self._drawing = False
-        self.put(mask)
-
 
 def combined(before: Mask | None, mask: Mask, how: How) -> Mask:
     """Return the selection replaced by a mask, or with the mask added or removed."""
@@ -139,18 +136,13 @@ def combined(before: Mask | None, mask: Mask, how: How) -> Mask:
     return np.zeros_like(mask) if before is None else before & ~mask
 
 
-def same_mask(one: Mask | None, other: Mask | None) -> bool:
-    """Return whether two masks contain the same vertices; None is the empty mask."""
-    if one is None or other is None:
-        return not any(mask is not None and mask.any() for mask in (one, other))
-    return np.array_equal(one, other)
-
-
-def checked_mask(mask: Mask, mesh: Mesh | None) -> Mask | None:
+def checked_mask(mask: Mask | None, mesh: Mesh | None) -> Mask | None:
     """Return a read-only mask, copied if it was writable; None for an empty mask.
 
     `ValueError` is raised if the mask is not an array of one bool for each vertex.
     """
+    if mask is None:
+        return None
     n = 0 if mesh is None else mesh.n_vertices
     if mask.dtype != np.bool_ or mask.shape != (n,):
         raise ValueError(
