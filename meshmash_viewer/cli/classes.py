@@ -33,10 +33,12 @@ from meshmash_viewer.io.read import mesh_name
 from meshmash_viewer.learn.classes import ClassModel, predict_classes, train_classes
 from meshmash_viewer.learn.columns import ClassColumns
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.labels import label_sizes
 from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted, format_quantity, format_share
+from meshmash_viewer.vertex_map import VertexMap
 
 
 def train(options: Namespace) -> int:
@@ -111,22 +113,21 @@ def _described(model: ClassModel, path: Path) -> str:
         f"{path}: {counted(len(model.classes), 'class')} from"
         f" {counted(n_labelled, 'vertex')} with labels of {counted(len(model.meshes), 'mesh')}"
     )
-    scores, unit = model.scores, model.columns.unit
-    rows = []
+    scores, rows = model.scores, []
     if scores is not None:
         said = f"{scores.weighted_f1:.3f}, by area, with whole {scores.left_out} left out"
         rows.append(("F1", said))
         for name, f1, areas in zip(model.names, scores.f1, scores.confusion, strict=True):
+            size = format_quantity(float(areas.sum()), model.columns.unit, 2, 4)
             wrong = [
-                f"{format_share(area / areas.sum())} taken for {other}"
+                f", {format_share(area / areas.sum())} taken for {other}"
                 for other, area in zip(model.names, areas, strict=True)
                 if other != name and area > 0.0
             ]
-            size = format_quantity(float(areas.sum()), unit, 2, 4)
-            rows.append((f"  {name}", ", ".join([f"{f1:.3f} of {size}", *wrong])))
-    best = np.argsort(-model.importance, kind="stable")[:3]
-    names = [f"{model.columns.names[at]} ({format_share(model.importance[at])})" for at in best]
-    rows.append(("columns", f"{len(model.importance)}, most important: {', '.join(names)}"))
+            rows.append((f"  {name}", f"{f1:.3f} of {size}{''.join(wrong)}"))
+    shares = sorted(zip(model.importance, model.columns.names, strict=True), reverse=True)
+    best = ", ".join(f"{name} ({format_share(share)})" for share, name in shares[:3])
+    rows.append(("columns", f"{len(shares)}, most important: {best}"))
     return titled_rows(title, rows)
 
 
@@ -147,15 +148,8 @@ def predict(options: Namespace) -> int:
 def _domains(mesh: Mesh, given: Path, mesh_file: Path) -> IntArray:
     """Read the domain of each vertex from a file, or from the file of the mesh in a folder."""
     path = given / f"{mesh_name(mesh_file)}.npz" if given.is_dir() else given
-    labels = read_condensed_features(path)[1]
-    if len(labels) == mesh.n_file_vertices:
-        return labels[mesh.file_indices]
-    if len(labels) == mesh.n_vertices:
-        return labels
-    raise InputError(
-        f"{path} has labels of {counted(len(labels), 'vertex')}, and {mesh.name} has"
-        f" {counted(mesh.n_file_vertices, 'vertex')}: give the file that was made from this mesh."
-    )
+    labels = VertexMap(str(path), read_condensed_features(path)[1])
+    return mesh.with_only_maps(labels).maps[0].values.astype(np.int64)
 
 
 def _read_once(path: Path) -> ClassModel:
@@ -184,10 +178,7 @@ def _write_predicted(raw: Mesh, at: int, path: Path, options: Namespace) -> Repo
         "mask": options.mask,
     }
     write_maps(path, found.maps, mesh, raw if options.whole_mesh else None, about)
-    areas = {
-        each.name: float(mesh.vertex_areas[found.labels.values == each.key].sum())
-        for each in model.classes
-    }
+    areas = label_sizes(mesh, found.labels).areas.tolist()
     uncertainty = np.nan_to_num(found.uncertainty.values)
     uncertain = float(np.average(uncertainty, weights=mesh.vertex_areas))
     report = {
@@ -195,9 +186,9 @@ def _write_predicted(raw: Mesh, at: int, path: Path, options: Namespace) -> Repo
         "output": str(path),
         "unit": mesh.unit,
         **pairs_report(pairs, mesh),
-        "areas": areas,
+        "areas": dict(zip(model.names, areas, strict=True)),
         "mean_uncertainty": uncertain,
         "remarks": [*found.remarks, *output_remarks(path, mesh)],
     }
-    said = ", ".join(f"{name} {format_share(area / mesh.area)}" for name, area in areas.items())
-    return report, f"{path}: {said}; mean uncertainty {uncertain:.2f}"
+    said = (f"{name} {format_share(area / mesh.area)}" for name, area in report["areas"].items())
+    return report, f"{path}: {', '.join(said)}; mean uncertainty {uncertain:.2f}"
