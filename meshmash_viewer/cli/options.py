@@ -13,7 +13,6 @@ from meshmash_viewer.cli.arguments import TargetQuantity, number, option_type, q
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_responses import MOST_FILTERS
 from meshmash_viewer.quantities import (
-    Quantity,
     parse_number,
     parse_quantity,
     parse_several,
@@ -62,16 +61,11 @@ def _not_negative(text: str) -> float:
     return value
 
 
-def _limits(text: str) -> tuple[float, ...]:
-    return parse_several(text, 2, parse_number, "-1 1")
-
-
-def _position(text: str) -> tuple[Quantity, ...]:
-    return parse_several(text, 3, parse_quantity, '"4200 1800 350" or "4.2, 1.8, 0.35 µm"')
-
-
-def _landmark(text: str) -> tuple[int, ...]:
-    return parse_several(text, 2, whole(), "12 40")
+def _several(
+    count: int, parse: Callable[[str], Any], example: str
+) -> Callable[[str], tuple[Any, ...]]:
+    """Return a parser of values that are separated by spaces or commas."""
+    return option_type(lambda text: parse_several(text, count, parse, example))
 
 
 def target_type(
@@ -123,8 +117,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " vertices with a nonzero value, or a condition ('lh.thickness>0.5', in quotes)"),
     "--map": _takes(Path, "FILE", "file of values per vertex; may be given several times", **_MANY),
     "--labels": _takes(str, "FILE[:MAP]"),
-    "--landmark": _takes(option_type(_landmark), "A B", "with --refine: corresponding vertices of"
-        " the first and the second mesh, counted from 0; may be given several times", **_MANY),
+    "--landmark": _takes(_several(2, whole(), "12 40"), "A B", "with --refine: corresponding"
+        " vertices of the first and the second mesh, counted from 0; may be given several times",
+        **_MANY),
     "--structure": _takes(option_type(named_structure), "NAME", "brain structure in GIFTI files:"
         " left, right, or a name such as CortexLeft; default: that of the mesh file, or of its name"
         " (lh.pial)"),
@@ -162,8 +157,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " stops, default 3"),
     "--min-vertices": _takes(whole(), "N", "components with fewer vertices are in no domain,"
         " default 200", dest="min_vertex_threshold"),
-    "--nucleus": _takes(option_type(_position), "X Y Z", "position of the nucleus in the unit of"
-        " the mesh unless one is given; adds a column of distances to it", dest="nuc_point"),
+    "--nucleus": _takes(_several(3, parse_quantity, '"4200 1800 350" or "4.2, 1.8, 0.35 µm"'),
+        "X Y Z", "position of the nucleus in the unit of the mesh unless one is given; adds a"
+        " column of distances to it", dest="nuc_point"),
     # classes
     "--smoothing": _takes(quantity(1), "L", "length over which probabilities are smoothed along the"
         " surface (unit), default 0", default=0.0),
@@ -183,7 +179,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " turntable"),
     "--size": _takes(option_type(_size), "WIDTHxHEIGHT"),
     "--colormap": _takes(str, "NAME", "name of a matplotlib colour map"),
-    "--limits": _takes(option_type(_limits), "LOW HIGH", "limits of the colours"),
+    "--limits": _takes(_several(2, parse_number, "-1 1"), "LOW HIGH", "limits of the colours"),
     "--color-scale": {
         "choices": ("automatic", "linear", "log"), "default": "automatic",
         "help": "automatic: log if the values are positive and span more than two decades",

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from meshmash_viewer.errors import printable
 from meshmash_viewer.units import LENGTH_UNITS, plain_text
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.weyl import Target
+
+_T = TypeVar("_T")
 
 #: Packages that compute the exported numbers.
 _PACKAGES = ("numpy", "scipy", "robust_laplacian")
@@ -84,32 +86,30 @@ def export_options(
 
 def stated_mesh(meta: str) -> tuple[str | None, str]:
     """Return unit and brain structure in a JSON text of `provenance`; None and "" if unstated."""
-    about = _stated(meta, "mesh")
-    if not isinstance(about, dict):
-        return None, ""
+    about = _stated(meta, "mesh", dict)
     unit, structure = about.get("unit"), about.get("structure")
     named = printable(structure, 60) if isinstance(structure, str) else ""
     return unit if isinstance(unit, str) and unit in LENGTH_UNITS else None, named
 
 
-def _stated(meta: str, entry: str) -> Any:
-    """Return an entry of a JSON text of `provenance`; None if it is missing or the text invalid."""
+def _stated(meta: str, entry: str, kind: type[_T]) -> _T:
+    """Return an entry of a JSON text of `provenance`; empty if it is missing or of another type."""
     try:
-        return json.loads(meta)[entry]
+        found = json.loads(meta)[entry]
     except (ValueError, KeyError, TypeError):
-        return None
+        return kind()
+    return found if isinstance(found, kind) else kind()
 
 
 def stated_columns(meta: str) -> list[str]:
     """Return the columns of features in a JSON text of `provenance`; an empty list if unstated."""
-    columns = _stated(meta, "columns")
-    return [str(each) for each in columns] if isinstance(columns, list) else []
+    return list(map(str, _stated(meta, "columns", list)))
 
 
 def stated_units(meta: str) -> dict[str, str]:
     """Return the unit of each column of features in a JSON text of `provenance`."""
     try:
-        options = _stated(meta, "options")
+        options = _stated(meta, "options", dict)
         unit, maps = str(options.get("values_unit", "")), options.get("maps", {})
         units = dict.fromkeys(stated_columns(meta), unit) | {"component": ""}
         units |= {name: str(about["unit"]) for name, about in maps.items()}
@@ -128,13 +128,13 @@ def second_file(path: Path) -> str:
 
 def stated_labels(meta: str) -> tuple[Label, ...]:
     """Return the labels in a JSON text of `provenance`; empty if unstated."""
-    return _as_labels(_stated(meta, "labels"))
+    return _as_labels(_stated(meta, "labels", list))
 
 
 def stated_map_labels(meta: str) -> dict[str, tuple[Label, ...]]:
     """Return the labels of each map among the columns in a JSON text of `provenance`."""
     try:
-        maps = _stated(meta, "options")["maps"]
+        maps = _stated(meta, "options", dict)["maps"]
         return {name: _as_labels(about["labels"]) for name, about in maps.items()}
     except (KeyError, TypeError, AttributeError):
         return {}

@@ -120,6 +120,15 @@ def most_maps(maps: Sequence[RawMap]) -> tuple[tuple[RawMap, ...], tuple[str, ..
     return tuple(maps[:MOST_MAPS]), (remark,) if left > 0 else ()
 
 
+def vertex_indices(numbers: npt.NDArray[Any]) -> IntArray:
+    """Convert corners of faces to integers; `InputError` is raised if one is no whole number."""
+    if numbers.dtype.kind == "f":
+        if not np.array_equal(numbers, np.floor(numbers)):
+            raise InputError("has a face with a vertex index that is no whole number")
+        numbers = np.clip(numbers, -1.0, 2.0**53)
+    return numbers.astype(np.int64)
+
+
 def are_ascending_indices(values: npt.NDArray[Any]) -> bool:
     """Whether an array consists of non-negative, strictly ascending whole numbers."""
     if values.ndim != 1 or values.dtype.kind not in "fiu":

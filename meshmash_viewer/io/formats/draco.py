@@ -28,7 +28,16 @@ def read_draco(path: Path) -> RawMesh:
 
 
 def decode_draco(data: bytes) -> RawMesh:
-    """Decode a mesh compressed by Draco; `InputError` is raised if it is damaged."""
+    """Decode a mesh compressed by Draco; `InputError` is raised as by `draco_content`."""
+    content = draco_content(data)
+    vertices = np.asarray(content.points, dtype=np.float64).reshape(-1, 3)
+    # decoded point clouds have no attribute `faces`
+    faces = np.asarray(getattr(content, "faces", ()), dtype=np.int64).reshape(-1, 3)
+    return RawMesh(vertices, faces)
+
+
+def draco_content(data: bytes) -> Any:
+    """Decompress a mesh; `InputError` is raised if it is damaged or DracoPy is not installed."""
     try:
         import DracoPy
     except ImportError:
@@ -36,10 +45,6 @@ def decode_draco(data: bytes) -> RawMesh:
     if not data.startswith(_FIRST):
         raise InputError(f'does not begin with "{_FIRST.decode()}"')
     try:
-        content: Any = DracoPy.decode(data)
+        return DracoPy.decode(data)
     except (ValueError, DracoPy.FileTypeException) as fault:
         raise InputError("is a Draco file that is cut short or damaged") from fault
-    vertices = np.asarray(content.points, dtype=np.float64).reshape(-1, 3)
-    # decoded point clouds have no attribute `faces`
-    faces = np.asarray(getattr(content, "faces", ()), dtype=np.int64).reshape(-1, 3)
-    return RawMesh(vertices, faces)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.formats.draco import draco_content
 from meshmash_viewer.io.formats.gltf_file import DRACO, INSTANCING, Entry, GltfFile, scaled
 from meshmash_viewer.io.joining import join_vertices
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, ReadLimits
@@ -62,19 +63,17 @@ class _Scene:
     def __init__(self, file: GltfFile) -> None:
         self._file = file
         self._parts: dict[tuple[object, ...], _Part] = {}
-        self._shown: set[object] = set()
         #: Number of items left out, by noun and description, such as ("primitive", "of lines").
         self._left_out: Counter[tuple[str, str]] = Counter()
         self._matrices: dict[int, FloatArray] = {}
 
     def mesh(self) -> RawMesh:
         """Return all meshes of the scene as one."""
-        for index, node, matrix in self._nodes():
-            self._matrices[index] = matrix
-            if "mesh" in node:
-                self._shown.add(node["mesh"])
+        self._matrices.update(self._nodes())
+        nodes = (self._file.entry("nodes", index) for index in self._matrices)
+        shown = {node["mesh"] for node in nodes if "mesh" in node}
         placed = [each for each in self._placed() if len(each.faces)]
-        unseen = len(self._file.description.get("meshes") or []) - len(self._shown)
+        unseen = len(self._file.description.get("meshes") or []) - len(shown)
         self._left_out["mesh", "that its scene does not show"] = unseen
         if not placed:
             raise InputError(self._nothing())
@@ -109,8 +108,8 @@ class _Scene:
 
     # -- nodes --------------------------------------------------------------------------------
 
-    def _nodes(self) -> Iterator[tuple[int, Entry, FloatArray]]:
-        """Yield index, node, and transform to scene coordinates of each node of the scene."""
+    def _nodes(self) -> Iterator[tuple[int, FloatArray]]:
+        """Yield the index and the transform to scene coordinates of each node of the scene."""
         seen: set[object] = set()
         left = [(root, np.eye(4)) for root in reversed(self._roots())]
         while left:
@@ -120,7 +119,7 @@ class _Scene:
             seen.add(index)
             node = self._file.entry("nodes", index)
             matrix = above @ _matrix(node)
-            yield index, node, matrix
+            yield index, matrix
             left += [(child, matrix) for child in reversed(node.get("children") or [])]
 
     def _roots(self) -> list[Any]:
@@ -255,19 +254,11 @@ class _Scene:
         self, packed: Entry, wanted: Entry
     ) -> tuple[dict[str, npt.NDArray[Any]], IntArray]:
         """Return the attributes and triangles of a primitive compressed by Draco."""
+        data = bytes(self._file.view(packed["bufferView"]))
         try:
-            import DracoPy
-        except ImportError:
-            raise InputError(
-                f"has meshes packed by {DRACO}, which DracoPy reads; it is not installed: pip"
-                ' install "meshmash-viewer[draco]"'
-            ) from None
-        try:
-            content = DracoPy.decode(bytes(self._file.view(packed["bufferView"])))
-        except (ValueError, DracoPy.FileTypeException) as fault:
-            if isinstance(fault, InputError):
-                raise
-            raise InputError(f"has a mesh packed by {DRACO} that is damaged") from fault
+            content = draco_content(data)
+        except InputError as fault:
+            raise InputError(f"has a mesh packed by {DRACO} that {fault}") from fault
         arrays = {}
         for name, index in wanted.items():
             found = content.get_attribute_by_unique_id(packed["attributes"][name])
@@ -276,8 +267,8 @@ class _Scene:
             values = np.asarray(found["data"]).reshape(-1, int(found["num_components"]))
             normalized = self._file.entry("accessors", index).get("normalized")
             arrays[name] = scaled(values) if normalized else values
-        faces = getattr(content, "faces", np.zeros((0, 3)))
-        return arrays, np.asarray(faces).astype(np.int64).reshape(-1, 3)
+        faces = np.asarray(getattr(content, "faces", ()), dtype=np.int64)
+        return arrays, faces.reshape(-1, 3)
 
 
 def _concatenated(parts: list[_Part]) -> _Part:

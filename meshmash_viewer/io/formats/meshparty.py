@@ -9,7 +9,7 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.io.formats.draco import decode_draco
-from meshmash_viewer.io.raw import RawMap, RawMesh
+from meshmash_viewer.io.raw import RawMap, RawMesh, vertex_indices
 from meshmash_viewer.units import counted
 
 
@@ -69,8 +69,5 @@ def _rows(values: Any, name: str) -> Any:
     """Return values as rows of three numbers; some files store faces in a flat array."""
     if values.dtype.kind not in "fiu" or values.size % 3 or values.shape[1:] not in ((), (3,)):
         raise InputError(f"has {name} that are not rows of three numbers")
-    kind = np.float64 if name == "vertices" else np.int64
     rows = values.reshape(-1, 3)
-    if name == "faces" and rows.dtype.kind == "f" and not np.array_equal(rows, np.floor(rows)):
-        raise InputError("has a face with a vertex index that is no whole number")
-    return rows.astype(kind)
+    return rows.astype(np.float64) if name == "vertices" else vertex_indices(rows)

@@ -23,7 +23,7 @@ from meshmash_viewer.io.provenance import (
     stated_labels,
     stated_mesh,
 )
-from meshmash_viewer.io.raw import RawMap, RawMesh, maps_of_columns, most_maps
+from meshmash_viewer.io.raw import RawMap, RawMesh, maps_of_columns, most_maps, vertex_indices
 from meshmash_viewer.io.text import (
     Columns,
     CutShort,
@@ -89,15 +89,12 @@ def read_off(path: Path) -> RawMesh:
         Element("face", n_faces, [Property("corners", count_type=np.dtype("f8"))]),
     ]
     try:
-        points, faces = rows_of_text(elements, numbers[stated:], rest, ragged=True)
+        points, polygons = rows_of_text(elements, numbers[stated:], rest, ragged=True)
     except CutShort:
         raise lacking from None
     vertices = np.column_stack([np.asarray(points[axis]) for axis in "xyz"])
-    corners, many = faces["corners"]
-    if not np.array_equal(corners, np.floor(corners)):
-        raise InputError("has a face with a vertex index that is no whole number")
-    indices = np.clip(corners, -1.0, 2.0**53).astype(np.int64)
-    return RawMesh(vertices, triangulate(vertices, indices, many))
+    corners, many = polygons["corners"]
+    return RawMesh(vertices, triangulate(vertices, vertex_indices(corners), many))
 
 
 # -- OBJ ----------------------------------------------------------------------------------------
@@ -425,10 +422,7 @@ def _ply_corners(columns: Columns) -> tuple[IntArray, IntArray]:
     corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
     if not isinstance(corners, tuple):
         raise InputError("has faces without a list of vertex indices")
-    whole = corners[0].astype(np.int64)
-    if corners[0].dtype.kind == "f" and not np.array_equal(whole, corners[0]):
-        raise InputError("has a face with a vertex index that is no whole number")
-    return whole, corners[1]
+    return vertex_indices(corners[0]), corners[1]
 
 
 def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
