@@ -10,6 +10,7 @@ import re
 import shutil
 import sys
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,16 @@ class FileLock:
         self._descriptor = descriptor
         return True
 
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold the lock in the body; `BlockingIOError` is raised if the lock is not free."""
+        if not self.acquire():
+            raise BlockingIOError
+        try:
+            yield
+        finally:
+            self.release()
+
     def release(self) -> None:
         """Release the lock."""
         if self._descriptor is None:
@@ -158,32 +169,20 @@ class EigenpairCache:
                 if _REMOVED.fullmatch(entry.name):
                     shutil.rmtree(entry, ignore_errors=True)
         for folder in self.stores():
-            lock = FileLock(self.lock_path(folder.name))
-            with contextlib.suppress(OSError):  # another user's store, or removed meanwhile
-                if not lock.acquire():
-                    continue  # being written
-                try:
-                    useless = _tidy_store(folder)
-                finally:
-                    lock.release()
-                if useless:
-                    self._remove(folder)
+            self._remove(folder, only_if=_tidy_store)
 
-    def _remove(self, folder: Path) -> int:
-        lock = FileLock(self.lock_path(folder.name))
-        try:
-            if not lock.acquire():
-                return 0  # being written
-            size = folder_size(folder)
-            # renamed first, so that a partly removed store is never read
-            place = self.root / f"removed-{folder.name}-{time.time_ns()}"
-            folder.rename(place)
-            shutil.rmtree(place, ignore_errors=True)
-        except OSError:
-            return 0  # removed meanwhile, or another user's store
-        finally:
-            lock.release()
-        return size
+    def _remove(self, folder: Path, only_if: Callable[[Path], bool] = Path.exists) -> int:
+        """Remove a store if a condition holds once it is locked; return the bytes freed."""
+        # errors: the store is being written, is another user's, or was removed meanwhile
+        with contextlib.suppress(OSError), FileLock(self.lock_path(folder.name)).held():
+            if only_if(folder):
+                size = folder_size(folder)
+                # renamed first, so that a partly removed store is never read
+                place = self.root / f"removed-{folder.name}-{time.time_ns()}"
+                folder.rename(place)
+                shutil.rmtree(place, ignore_errors=True)
+                return size
+        return 0
 
 
 def _tidy_store(folder: Path) -> bool:

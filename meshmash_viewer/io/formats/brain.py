@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import re
 import struct
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import RawMap, RawMesh, maps_alone, most_maps
+from meshmash_viewer.io.text import parse_rows, read_text
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, numbered_labels
 
@@ -166,10 +166,10 @@ def read_freesurfer_ascii(path: Path) -> RawMesh:
 
     `InputError` is raised if the file has another number of numbers than its header states.
     """
-    text = path.read_text("utf-8", "replace")
-    header, _, rows = text.partition("\n")
-    numbers = _numbers_of(rows if header.startswith("#") else text)
-    if not header.startswith("#"):
+    text = read_text(path)
+    is_surface = text.startswith(b"#")
+    numbers, _ = parse_rows(text.partition(b"\n")[2] if is_surface else text, np.float64)
+    if not is_surface:
         if not len(numbers) or len(numbers) % 5:
             raise InputError("holds neither a FreeSurfer surface nor values as text")
         values = numbers.reshape(-1, 5)[:, 4]  # after index and coordinates
@@ -182,12 +182,6 @@ def read_freesurfer_ascii(path: Path) -> RawMesh:
         )
     rows_of_four = numbers[2:].reshape(-1, 4)[:, :3]  # the last number is a flag
     return _surface(rows_of_four[:n_vertices], rows_of_four[n_vertices:])
-
-
-def _numbers_of(text: str) -> FloatArray:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of words, before which numpy ends
-        return np.fromstring(text, sep=" ")
 
 
 def _surface(vertices: npt.NDArray[Any], faces: npt.NDArray[Any]) -> RawMesh:
