@@ -1,12 +1,14 @@
 """Single small faults in the package, chosen by seed, and whether the tests detect them.
 
-    ./dev bench mutations [--count 200] [--seed 11] [--first 0] [--tree DIR] [--slow]
+    ./dev bench mutations [--count 200] [--seed 11] [--first 0] [--tree DIR] [--record DIR]
 
 A fault reverses a comparison, exchanges + and - or `and` and `or`, adds one to a number, or negates
-a returned condition. Each fault is put into a temporary copy of the tree. The tests named like the
-module run first, then files that import it, then those of its folder, each file until its first
-failure; a test that fails without the fault as well does not count. A line is printed for each
-fault, and the shares at the end. Tests of windows need a display.
+a returned condition. The quick tests first run once under coverage.py, which records the lines that
+each test executes. Then each fault is put into a temporary copy of the tree, where tests that
+execute the changed line run until one fails. It must fail twice with the fault, and pass without.
+Lines outside functions, compiled functions, child processes and threads of Qt are not recorded. If
+no recorded test executes a line, tests that execute or import its module run.
+`--record` keeps the recording. Tests of windows need a display.
 """
 
 from __future__ import annotations
@@ -22,9 +24,17 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
-from itertools import islice
+from itertools import accumulate
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
+
+import pytest
+
+try:
+    import coverage
+except ImportError:
+    sys.exit("mutations: coverage is missing; install it with: .venv/bin/pip install coverage")
 
 ROOT = Path(__file__).resolve().parent.parent
 COMPARISONS = {
@@ -32,32 +42,20 @@ COMPARISONS = {
     ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
 }  # fmt: skip
 EXCHANGED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.And: ast.Or, ast.Or: ast.And}
-#: Largest number of files of tests that run because they import the module, the shortest first.
-IMPORTING = 8
-#: Tests of each folder of the package, quick tests first; the longest prefix counts.
-TESTS = {
-    "": "test_mesh test_health test_units test_public_api test_cli",
-    "app": "app/test_session_end_to_end app/test_main_window app/test_use_cases",
-    "app/dialogs": "app/test_dialogs app/test_gallery app/test_movie_dialog app/test_scene_dialog",
-    "app/panels": "app/test_spectrum_panel app/test_profile_panel app/test_main_window",
-    "app/tabs": "app/test_field_panel app/test_typing app/test_map_tab",
-    "app/view": "app/view/test_ticks app/view/test_picture app/view/test_mesh_view",
-    "cli": "test_cli test_cli_series test_cli_numbers test_streams",
-    "features": "test_features test_filters test_truncation test_comparison test_decompose",
-    "fields": "fields/test_families fields/test_maps model/test_live model/test_script",
-    "io": "io/test_store io/test_write io/test_read io/test_session model/test_decomposition",
-    "io/formats": "io/test_read io/test_ply io/test_off io/test_stl io/test_gltf io/test_vtk_maps",
-    "learn": "test_classes test_smoothing test_cli_classes app/test_classes",
-    "model": "model/test_document model/test_document_history model/test_live model/test_pair"
-    " app/test_tasks model/test_script",
-    "spectral": "test_preview model/test_previews test_eigensolver test_proof",
-    "split": "test_split test_cli",
-    "surface": "test_curvature test_distances test_clustering test_rays test_laplacian",
-}
+#: Largest number of tests that run for a fault, and the sum of their recorded seconds.
+MOST, SECONDS = 40, 60
+#: Seconds after which tests that have not ended count as failed.
+PATIENCE = 300
 
 
-def faults(node: ast.AST) -> Iterator[tuple[Any, str]]:
-    """Yield nodes of a module, each with the text of its replacement, without annotations."""
+def faults(node: ast.AST, statement: int = 0, inside: bool = False) -> Iterator[Any]:
+    """Yield nodes of a module, each with the text of its replacement, without annotations.
+
+    The third value is the first line of the statement. It is 0 in code that is outside functions or
+    in a compiled function.
+    """
+    if inside and isinstance(node, ast.stmt):
+        statement = node.lineno
     changed: ast.AST | None = None
     match node:
         case ast.Compare(ops=[operator]) if type(operator) in COMPARISONS:
@@ -70,104 +68,153 @@ def faults(node: ast.AST) -> Iterator[tuple[Any, str]]:
             changed = ast.Constant(number + 1)
         case ast.Return(value=ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()) as value):
             changed = ast.Return(ast.UnaryOp(ast.Not(), value))
+        case ast.FunctionDef():
+            decorators = " ".join(map(ast.unparse, node.decorator_list))
+            inside = "jit" not in decorators and "compiled(" not in decorators
+        case ast.Lambda():
+            statement = statement or node.lineno
     if changed is not None:
         text = ast.unparse(ast.fix_missing_locations(changed))
-        yield node, text if isinstance(node, ast.Return) else f"({text})"
+        yield node, text if isinstance(node, ast.Return) else f"({text})", statement
     for name, child in ast.iter_fields(node):
         if name not in ("annotation", "returns", "decorator_list"):
             for each in child if isinstance(child, list) else [child]:
                 if isinstance(each, ast.AST) and not isinstance(each, ast.JoinedStr):
-                    yield from faults(each)
+                    yield from faults(each, statement, inside)
 
 
-def all_faults(tree: Path) -> list[tuple[str, int, str, str, bytes]]:
-    """Return name, line, old text, new text and whole changed module of each fault."""
+def all_faults(tree: Path) -> list[tuple[str, int, int, str, str, bytes]]:
+    """Return module, line, line of the statement, old, new text and whole module of each fault."""
     found = []
     for path in sorted((tree / "meshmash_viewer").rglob("*.py")):
         source = path.read_bytes()
         lines = source.splitlines(keepends=True)
         starts = [sum(map(len, lines[:number])) for number in range(len(lines) + 1)]
-        for node, text in faults(ast.parse(source)):
+        for node, text, statement in faults(ast.parse(source)):
             start = starts[node.lineno - 1] + node.col_offset
             stop = starts[node.end_lineno - 1] + node.end_col_offset
             module = source[:start] + text.encode() + source[stop:]
             before = " ".join(source[start:stop].decode().split())
             name = path.relative_to(tree / "meshmash_viewer").as_posix()
-            found.append((name, node.lineno, before, text, module))
+            found.append((name, node.lineno, statement, before, text, module))
     return found
 
 
-def tests_of(tree: Path, module: str) -> list[str]:
-    """Return the test files of a module."""
-    folder, stem = module.rpartition("/")[0], Path(module).stem
-    same = [str(each.relative_to(tree)) for each in (tree / "tests").rglob(f"test_{stem}.py")]
-    dotted = "meshmash_viewer." + module.removesuffix(".py").replace("/", ".")
-    files = sorted((tree / "tests").rglob("test_*.py"), key=lambda each: each.stat().st_size)
-    importing = (each for each in files if f"{dotted} import" in each.read_text())
-    same += [str(each.relative_to(tree)) for each in islice(importing, IMPORTING)]
-    while folder not in TESTS:
-        folder = folder.rpartition("/")[0]
-    table = [f"tests/{name}.py" for name in TESTS[folder].split()]
-    return list(dict.fromkeys([*same, *(name for name in table if (tree / name).exists())]))
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Record the lines that a test executes, and its seconds if it passes."""
+    recorder = coverage.Coverage.current()
+    recorder.switch_context(item.nodeid)
+    failed, began = item.session.testsfailed, time.monotonic()
+    result = yield
+    if item.session.testsfailed == failed:
+        with Path(recorder.get_option("run:data_file")).with_name("seconds").open("a") as file:
+            file.write(f"{time.monotonic() - began:.3f} {item.nodeid}\n")
+    return result
 
 
 class Trials:
     """Runs of tests in a copy of a tree, with one module changed."""
 
-    def __init__(self, copy: Path, options: argparse.Namespace) -> None:
-        self._copy, self._patience = copy, options.patience
-        self._chosen = [] if options.slow else ["-m", "not slow"]
-        self._broken: list[str] = []  # tests that fail without a fault
+    def __init__(self, copy: Path, record: Path, tests: list[str]) -> None:
+        self._copy = copy
+        self._environment = {
+            **os.environ,
+            "PYTHONPATH": f"{copy}{os.pathsep}{Path(__file__).parent}",
+        }
+        self._broken: set[str] = set()  # tests that fail without a fault
+        if not (record / "seconds").exists():
+            self._record(record, tests)
+        lines = [line.split(" ", 1) for line in (record / "seconds").read_text().splitlines()]
+        self._seconds = {test: float(seconds) for seconds, test in lines}
+        self._data = coverage.CoverageData(record / "lines")
+        self._data.read()
 
-    def outcome(self, name: str, module: bytes) -> str:
+    def _record(self, record: Path, tests: list[str]) -> None:
+        """Run the quick tests, and write what they execute to a folder."""
+        record.mkdir(parents=True, exist_ok=True)
+        command = [sys.executable, "-m", "coverage", "run", f"--data-file={record / 'lines'}"]
+        command += [f"--include={self._copy}/meshmash_viewer/*", "-m", "pytest", "-q"]
+        command += ["-o", "faulthandler_timeout=0", "-p", "mutations", "-m", "not slow", *tests]
+        subprocess.run(command, cwd=self._copy, env=self._environment)
+
+    def tests_of(self, name: str, line: int, statement: int) -> tuple[list[str], int, bool]:
+        """Return tests to run, the number that execute a line, and whether it is never executed.
+
+        Tests whose file imports the module come first, then those that take the least time.
+        The first case of a parametrized test comes before the second case of any test.
+        """
+        ending = f"/meshmash_viewer/{name}"
+        file = next((file for file in self._data.measured_files() if file.endswith(ending)), "")
+        executed = self._data.contexts_by_lineno(file)
+        contexts = {*executed.get(line, executed.get(statement, ()))} if statement else {""}
+        executing = contexts & self._seconds.keys()
+        module = "meshmash_viewer." + name.removesuffix(".py").replace("/", ".")
+        importing = {
+            path.relative_to(self._copy).as_posix()
+            for path in (self._copy / "tests").rglob("test_*.py")
+            if f"{module} import" in path.read_text()
+        }
+        related = {test for tests in executed.values() for test in tests}
+        related |= {test for test in self._seconds if test.partition("::")[0] in importing}
+        candidates = (executing or related & self._seconds.keys()) - self._broken
+        cases: Counter[str] = Counter()
+        ranked = []
+        for test in sorted(candidates, key=self._seconds.__getitem__):
+            function = test.partition("[")[0]
+            ranked.append((test.partition("::")[0] not in importing, cases[function], test))
+            cases[function] += 1
+        tests = [test for *_, test in sorted(ranked, key=itemgetter(0, 1))[:MOST]]
+        started = accumulate((self._seconds[test] for test in tests), initial=0.0)
+        chosen = [test for test, start in zip(tests, started, strict=False) if start < SECONDS]
+        return chosen, len(executing), not contexts
+
+    def outcome(self, name: str, module: bytes, tests: list[str]) -> str:
         """Return the test that detects a changed module, or "survived"."""
         path = self._copy / "meshmash_viewer" / name
         whole = path.read_bytes()
-        for file in tests_of(self._copy, name):
-            while True:
+        compiles = b"@compiled" in module or b"@numba" in module
+        while tests:
+            with tempfile.TemporaryDirectory() as kernels:
                 path.write_bytes(module)
-                found = self._failing(file)
+                cache = {"NUMBA_CACHE_DIR": kernels} if compiles else {}
+                failed = self._failing(tests, **cache)
+                again = failed and self._failing(failed, **cache)
                 path.write_bytes(whole)
-                if found is None:
-                    break
-                if "::" not in found or self._failing(found) is None:
-                    return f"killed: {found}"
-                self._broken.append(found)
+            if not failed:
+                break
+            if broken := self._failing(failed):
+                self._broken.update(broken)
+            elif again:
+                return f"detected by {again[0]}"
+            tests = [test for test in tests if test not in failed]
         return "survived"
 
-    def _failing(self, tests: str) -> str | None:
-        """Return the first test of a file that fails or takes too long; None if all pass."""
-        if tests.startswith("tests/app/") and not os.environ.get("DISPLAY"):
-            return None
-        command = [sys.executable, "-m", "pytest", "-qx", "-p", "no:cacheprovider", *self._chosen]
-        command += [f"--deselect={name}" for name in self._broken]
-        environment = {**os.environ, "PYTHONPATH": str(self._copy)}
+    def _failing(self, tests: list[str], **environment: str) -> list[str]:
+        """Return the first test that fails, or all tests if pytest ends early or takes too long."""
+        command = [sys.executable, "-m", "pytest", "-qx", "-o", "faulthandler_timeout=0", *tests]
+        environment = {**self._environment, "PYTHONDONTWRITEBYTECODE": "1", **environment}
+        options: Any = {"cwd": self._copy, "env": environment, "capture_output": True}
         try:
-            done = subprocess.run(
-                [*command, tests],
-                cwd=self._copy,
-                env=environment,
-                capture_output=True,
-                timeout=self._patience,
-            )
+            done = subprocess.run(command, timeout=PATIENCE, **options)
         except subprocess.TimeoutExpired:
-            return f"{tests} (timeout)"
-        if done.returncode in (0, 5):  # 5: no test was selected
-            return None
+            return tests
+        if done.returncode == 0:
+            return []
         lines = done.stdout.decode(errors="replace").splitlines()
-        failed = [line.split(" - ")[0] for line in lines if line.startswith("FAILED ")]
-        return failed[0].removeprefix("FAILED ") if failed else tests
+        lines = [f"{line} " for line in lines if line.startswith(("FAILED ", "ERROR "))]
+        return [test for test in tests if any(f" {test} " in line for line in lines)] or tests
 
 
 def main() -> None:
-    """Make one fault after the other, run the tests, and print which test detects it."""
+    """Make one fault after the other, run tests, and print which test detects it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("tests", nargs="*", help="tests that are recorded, all by default")
     parser.add_argument("--count", type=int, default=200, help="faults that are chosen")
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--first", type=int, default=0, help="go on from this one")
     parser.add_argument("--tree", type=Path, default=ROOT, help="a checkout")
-    parser.add_argument("--patience", type=float, default=240, help="seconds for a file of tests")
-    parser.add_argument("--slow", action="store_true", help="run slow tests as well")
+    parser.add_argument("--record", type=Path, help="folder of a recording, made if it is missing")
     options = parser.parse_args()
     chosen = random.Random(options.seed).sample(all_faults(options.tree), options.count)
     shares: Counter[str] = Counter()
@@ -175,15 +222,23 @@ def main() -> None:
         copy = Path(folder) / "tree"
         left_out = shutil.ignore_patterns(".*", "build", "dist", "shots")
         shutil.copytree(options.tree, copy, ignore=left_out)
-        trials = Trials(copy, options)
+        trials = Trials(copy, (options.record or Path(folder) / "record").absolute(), options.tests)
         for number in range(options.first, len(chosen)):
-            name, line, before, text, module = chosen[number]
+            name, line, statement, before, text, module = chosen[number]
             began = time.monotonic()
-            found = trials.outcome(name, module)
-            shares["timeout" if found.endswith("(timeout)") else found.partition(":")[0]] += 1
+            tests, executing, never = trials.tests_of(name, line, statement)
+            found = trials.outcome(name, module, tests)
+            where = "never executed" if never else "executed"
+            shares[where] += 1
+            shares[f"{where}, detected"] += found != "survived"
             seconds = round(time.monotonic() - began)
-            print(f"{number} {name}:{line}: {before} → {text}: {found} ({seconds} s)", flush=True)
-    print(dict(shares))
+            print(
+                f"{number} {name}:{line}: {before} → {text}: {found}"
+                f" ({executing} tests execute the line, {len(tests)} chosen, {seconds} s)",
+                flush=True,
+            )
+    for where in ("executed", "never executed"):
+        print(f"{where}: {shares[f'{where}, detected']} of {shares[where]} detected")
 
 
 if __name__ == "__main__":
