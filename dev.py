@@ -56,7 +56,7 @@ MOST_REPEATED = 20
 COMPILE = "from meshmash_viewer.spectral.engine import multifrontal, symbolic"
 
 #: Benchmarks that open windows.
-WITH_WINDOWS = ("walk", "progress")
+WITH_WINDOWS = ("mutations", "progress", "walk")
 
 
 def say(message: str) -> None:

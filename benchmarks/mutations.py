@@ -7,8 +7,8 @@ a returned condition. The quick tests first run once under coverage.py, which re
 each test executes. Then each fault is put into a temporary copy of the tree, where tests that
 execute the changed line run until one fails. It must fail twice with the fault, and pass without.
 Lines outside functions, compiled functions, child processes and threads of Qt are not recorded. If
-no recorded test executes a line, tests that execute or import its module run.
-`--record` keeps the recording. Tests of windows need a display.
+no recorded test executes a line, tests that execute or import its module run. `--record` keeps the
+recording.
 """
 
 from __future__ import annotations
