@@ -222,21 +222,18 @@ def _in_memory(table: Any) -> Columns:
             f" from {type(table).__name__}: give positions alone to project_points."
         )
     keys = list(table.keys())
-    levels = getattr(getattr(table, "index", None), "names", ())
-    index = {
-        str(name): table.index.get_level_values(level)
-        for level, name in enumerate(levels)
-        if name is not None and name not in keys
-    }
+    levels = enumerate(getattr(getattr(table, "index", None), "names", ()))
+    if named := [level for level, name in levels if name is not None and name not in keys]:
+        table = table.reset_index(named, allow_duplicates=True)
+        keys = list(table.keys())
     names = [
         "_".join(part for each in key if (part := str(each)))
         if isinstance(key, tuple)
         else str(key)
         for key in keys
     ]
-    _check_different("The table", [*index, *names])
-    columns = index | dict(zip(names, map(table.__getitem__, keys), strict=True))
-    return {name: _held(values) for name, values in columns.items()}
+    _check_different("The table", names)
+    return {name: _held(table[key]) for name, key in zip(names, keys, strict=True)}
 
 
 def _held(given: Any) -> npt.NDArray[Any]:

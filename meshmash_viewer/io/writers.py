@@ -148,23 +148,21 @@ def _ply(path: Path, table: FeatureTable) -> None:
 
 
 def _gifti(path: Path, table: FeatureTable, intent: str = "NIFTI_INTENT_NONE") -> None:
-    """Write a data array per column."""
+    """Write a data array per column; as int32 if the columns are labels."""
+    kind = np.int32 if table.labels else np.float32
     arrays = [
-        _gifti_array(column, intent, {"Name": name})
+        (column.astype(kind), intent, {"Name": name})
         for name, column in zip(table.columns, table.values.T, strict=True)
     ]
-    structure = _structure(table.mesh)
-    _write_gifti(path, arrays, {**structure, "meshmash-viewer": table.meta})
+    _write_gifti(path, table, arrays, _structure(table.mesh))
 
 
 def _gifti_surface(path: Path, table: FeatureTable) -> None:
     """Write the mesh in mm, the unit of GIFTI; without a unit, coordinates are not scaled."""
     vertices = table.mesh.vertices * _MILLIMETRES.get(table.mesh.unit, 1.0)
-    arrays = [
-        _gifti_array(vertices, "NIFTI_INTENT_POINTSET", _structure(table.mesh)),
-        _gifti_array(table.mesh.faces, "NIFTI_INTENT_TRIANGLE", {}, np.int32),
-    ]
-    _write_gifti(path, arrays, {"meshmash-viewer": table.meta})
+    points = vertices.astype(np.float32), "NIFTI_INTENT_POINTSET", _structure(table.mesh)
+    faces = table.mesh.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", {}
+    _write_gifti(path, table, [points, faces], {})
 
 
 def _structure(mesh: Mesh) -> dict[str, str]:
@@ -172,26 +170,17 @@ def _structure(mesh: Mesh) -> dict[str, str]:
     return {"AnatomicalStructurePrimary": mesh.structure} if mesh.structure else {}
 
 
-def _gifti_array(
-    values: npt.NDArray[Any],
-    intent: str,
+def _write_gifti(
+    path: Path,
+    table: FeatureTable,
+    arrays: list[tuple[npt.NDArray[Any], str, dict[str, str]]],
     about: dict[str, str],
-    kind: type[np.float32 | np.int32] = np.float32,
-) -> Any:
+) -> None:
+    """Write arrays, each with its intent and metadata, and the labels of the table."""
     from nibabel.gifti import gifti as nibabel_gifti
 
     gifti: Any = nibabel_gifti  # untyped
-    array, meta = np.ascontiguousarray(values, dtype=kind), gifti.GiftiMetaData(about)
-    return gifti.GiftiDataArray(array, intent, f"NIFTI_TYPE_{kind.__name__.upper()}", meta=meta)
-
-
-def _write_gifti(
-    path: Path, arrays: list[Any], about: dict[str, str], labels: tuple[Label, ...] = ()
-) -> None:
-    from nibabel.gifti import gifti as nibabel_gifti
-
-    gifti: Any = nibabel_gifti
-    names = gifti.GiftiLabelTable()
+    names, labels = gifti.GiftiLabelTable(), table.labels
     for label in labels:
         shares = [share / 255.0 for share in bytes.fromhex(label.color[1:])]
         names.labels.append(gifti.GiftiLabel(label.key, *shares, 1.0))
@@ -200,16 +189,14 @@ def _write_gifti(
         names.labels.append(gifti.GiftiLabel(0, 0.0, 0.0, 0.0, 0.0))
         names.labels[-1].label = "???"
     image = gifti.GiftiImage(
-        meta=gifti.GiftiMetaData(about), darrays=arrays, labeltable=names if labels else None
+        meta=gifti.GiftiMetaData({**about, "meshmash-viewer": table.meta}),
+        darrays=[
+            gifti.GiftiDataArray(values, intent, meta=gifti.GiftiMetaData(said))
+            for values, intent, said in arrays
+        ],
+        labeltable=names if labels else None,
     )
     path.write_bytes(image.to_bytes())
-
-
-def _label_gifti(path: Path, table: FeatureTable) -> None:
-    about = {"Name": table.columns[0]}
-    array = _gifti_array(table.values[:, 0], "NIFTI_INTENT_LABEL", about, np.int32)
-    about = {**_structure(table.mesh), "meshmash-viewer": table.meta}
-    _write_gifti(path, [array], about, table.labels)
 
 
 def _annotation(path: Path, table: FeatureTable) -> None:
@@ -299,7 +286,7 @@ SPECTRUM_WRITERS: dict[str, Writer] = {".csv": _csv, ".parquet": _parquet, ".npz
 
 #: Writers of label sets by lower-case ending.
 LABEL_WRITERS: dict[str, Writer] = {
-    ".label.gii": _label_gifti,
+    ".label.gii": partial(_gifti, intent="NIFTI_INTENT_LABEL"),
     ".annot": _annotation,
     ".label": _one_label,
     ".csv": _csv,
