@@ -264,10 +264,11 @@ class ReadLimits:
             factor * (_BYTES + _BYTES_PER_BYTE * size),
         )
 
-    @staticmethod
-    def are_needed(n_bytes: int, unpacked: float) -> bool:
-        """Whether a file must be read under limits because of its unpacked size in bytes."""
-        return unpacked > max(_HARMLESS_BYTES, _HARMLESS_RATIO * n_bytes)
+    @classmethod
+    def if_needed(cls, n_bytes: int, unpacked: int) -> ReadLimits | None:
+        """Return the limits, or None if the unpacked size of the file needs none."""
+        is_needed = unpacked > max(_HARMLESS_BYTES, _HARMLESS_RATIO * n_bytes)
+        return cls.of(n_bytes, unpacked=unpacked) if is_needed else None
 
 
 def limit_factor() -> float:

@@ -387,5 +387,4 @@ def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None
             ) from fault
         if size == 0:
             raise InputError("is empty once unpacked")
-        grown = ReadLimits.are_needed(packed_size, size)
-        yield plain, ReadLimits.of(packed_size, unpacked=size) if grown else None
+        yield plain, ReadLimits.if_needed(packed_size, size)

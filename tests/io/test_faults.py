@@ -319,10 +319,10 @@ def test_text_out_of_a_file_is_one_short_line() -> None:
 
 def test_a_small_file_may_unpack_to_a_little_and_a_large_one_to_its_own_size() -> None:
     """Only files that unpack to more than these sizes need a process with limits."""
-    assert not ReadLimits.are_needed(1000, 1e6)
-    assert not ReadLimits.are_needed(10**9, 2e9)
-    assert ReadLimits.are_needed(1000, 1e9)
-    assert ReadLimits.are_needed(10**9, 1e11)
+    assert ReadLimits.if_needed(1000, 10**6) is None
+    assert ReadLimits.if_needed(10**9, 2 * 10**9) is None
+    assert ReadLimits.if_needed(1000, 10**9) is not None
+    assert ReadLimits.if_needed(10**9, 10**11) is not None
 
 
 def test_a_starved_reader_goes_on_and_a_blocked_one_is_ended(

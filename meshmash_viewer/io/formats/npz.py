@@ -90,10 +90,7 @@ def npz_limits(path: Path) -> ReadLimits | None:
     with _mesh_archive(path) as archive:
         held = archive.zip.infolist()
     unpacked = sum(member.file_size for member in held if member.filename[:-4] not in _NOT_READ)
-    size = path.stat().st_size
-    if not ReadLimits.are_needed(size, unpacked):
-        return None
-    return ReadLimits.of(size, unpacked=unpacked)
+    return ReadLimits.if_needed(path.stat().st_size, unpacked)
 
 
 def _polygons(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:

@@ -27,8 +27,8 @@ from meshmash_viewer.vertex_map import MOST_LABELS, Label
 _VALUES_PER_BYTE = 260
 #: Kinds of arrays of which VTK reads only the first by default.
 _ATTRIBUTES = ("Scalars", "Vectors", "Normals", "ColorScalars", "TCoords", "Tensors", "Fields")
-#: Keywords before a count in legacy files.
-_LEGACY_COUNTS = (b"POINTS", b"POLYGONS", b"TRIANGLE_STRIPS", b"CELLS", b"CELL_TYPES", b"LINES")
+#: Keywords in legacy files with the count after them.
+_LEGACY_COUNTS = rb"\n(POINTS|POLYGONS|TRIANGLE_STRIPS|CELLS|CELL_TYPES|LINES)[ \t]+(\d+)"
 #: Number of entries of VTK's default colour table, whose colours are not of labels.
 _RAMP = 256
 #: Names of arrays in a legacy file, of attributes and within a FIELD.
@@ -57,7 +57,7 @@ def read_vtk_xml(path: Path) -> RawMesh:
     if b"<VTKFile" not in content[:10_000] or reader is None:
         raise InputError("is not a VTK XML file of polygons or an unstructured grid")
     most = _VALUES_PER_BYTE * len(content)
-    _check_counts(content, b"NumberOf", rb'NumberOf(\w+)\s*=\s*"\s*(\d+)', most)
+    _check_counts(content, rb'NumberOf(\w+)\s*=\s*"\s*(\d+)', most)
     return _from_polydata(_surface(_output(reader, path)))
 
 
@@ -72,8 +72,7 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     content = unmarked(whole)
     if not content.startswith(b"# vtk DataFile"):
         raise InputError('does not begin with "# vtk DataFile"')
-    for name in _LEGACY_COUNTS:
-        _check_counts(content, b"\n" + name, rb"\n(\w+)[ \t]+(\d+)", len(content))
+    _check_counts(content, _LEGACY_COUNTS, len(content))
     content = _with_names_apart(content)
     reader: Any = vtkGenericDataObjectReader()
     for kind in _ATTRIBUTES:
@@ -100,19 +99,15 @@ def _surface(output: Any) -> Any:
     return output
 
 
-def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> None:
+def _check_counts(content: bytes, pattern: bytes, most: int) -> None:
     """Raise `InputError` for counts too large for the file, before VTK allocates memory."""
-    count = re.compile(pattern)
-    place = content.find(begin)
-    while place >= 0:
-        found = count.match(content, place)
-        if found is not None and (len(found[2]) > 18 or int(found[2]) > most):
+    for found in re.finditer(pattern, content):
+        if len(found[2]) > 18 or int(found[2]) > most:
             raise InputError(
                 f"promises {printable(found[2].decode(), 24)}"
                 f" {printable(found[1].decode('latin-1').lower(), 40)},"
                 " which a file of its size cannot hold"
             )
-        place = content.find(begin, place + len(begin))
 
 
 def _output(reader: Any, path: Path) -> Any:
