@@ -248,7 +248,7 @@ def _ending(path: Path) -> str:
     ending = "".join(suffixes[-2:]) if suffixes[-1:] == [".gz"] else "".join(suffixes[-1:])
     if ending not in READABLE_ENDINGS and is_draco(path):  # fragments have no ending
         return ".drc"
-    if ending not in READABLE_ENDINGS and not _is_freesurfer(path):
+    if ending not in READABLE_ENDINGS and not freesurfer_kind(path):
         if other := misnamed(path, ending):
             raise InputError(f"{path} {other}.")
         known = " ".join(key for key in READERS if key not in FREESURFER_ENDINGS)
@@ -257,13 +257,6 @@ def _ending(path: Path) -> str:
             f" convert it to one of {known}, or a FreeSurfer surface such as lh.pial."
         )
     return ending
-
-
-def _is_freesurfer(path: Path) -> bool:
-    try:
-        return bool(freesurfer_kind(path))
-    except (OSError, EOFError, zlib.error):
-        return False
 
 
 def check_file(path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -203,8 +204,11 @@ def _unit(vertices: FloatArray) -> tuple[str, str]:
 
 def freesurfer_kind(path: Path) -> str:
     """Return "surface", "values" or "patch", a part of a surface, by the first bytes; else ""."""
-    with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
-        header, size = file.read(15), path.stat().st_size
+    try:
+        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
+            header, size = file.read(15), path.stat().st_size
+    except (OSError, EOFError, zlib.error):
+        return ""  # reading the file reports the error
     magic, n_vertices, _, n_values = struct.unpack(">3siii", header.ljust(15, b"\0"))
     if header.startswith(b"\xff\xff\xff\xff"):
         (n_placed,) = struct.unpack(">i", header[4:8].ljust(4, b"\0"))

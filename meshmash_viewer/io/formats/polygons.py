@@ -8,7 +8,6 @@ have polygons or triangle strips; they may be text, or binary in either byte ord
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -343,7 +342,8 @@ def read_ply(path: Path) -> RawMesh:
     data = unmarked(path.read_bytes())
     is_text, elements, start = _ply_parse_header(data)
     columns_of_each = (_text_body if is_text else _binary_body)(elements, data, start)
-    meta = stated_comment(_ply_comments(data[:start]))
+    header = data[:start].decode("latin-1").splitlines()
+    meta = stated_comment(line.removeprefix("comment ") for line in header)
     columns_of: dict[str, list[Columns]] = {}
     for element, columns in zip(elements, columns_of_each, strict=True):
         if element.name == "vertex" or element.count:
@@ -430,12 +430,6 @@ def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntA
     is_break = indices == -1
     strip = np.repeat(np.arange(len(counts)), counts) + np.cumsum(is_break)
     return indices[~is_break], np.bincount(strip[~is_break])
-
-
-def _ply_comments(header: bytes) -> Iterator[str]:
-    for line in header.decode("latin-1").splitlines():
-        if line.startswith("comment "):
-            yield line.removeprefix("comment ")
 
 
 def _ply_split_header(data: bytes) -> tuple[bytes, int]:
