@@ -52,6 +52,8 @@ class FeatureTable:
 _MILLIMETRES = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0, "m": 1e3}
 
 Writer: TypeAlias = Callable[[Path, FeatureTable], None]
+#: Values, intent and metadata.
+_GiftiArray: TypeAlias = tuple[npt.NDArray[Any], str, dict[str, str]]
 
 
 def _npz(path: Path, table: FeatureTable) -> None:
@@ -160,9 +162,11 @@ def _gifti(path: Path, table: FeatureTable, intent: str = "NIFTI_INTENT_NONE") -
 def _gifti_surface(path: Path, table: FeatureTable) -> None:
     """Write the mesh in mm, the unit of GIFTI; without a unit, coordinates are not scaled."""
     vertices = table.mesh.vertices * _MILLIMETRES.get(table.mesh.unit, 1.0)
-    points = vertices.astype(np.float32), "NIFTI_INTENT_POINTSET", _structure(table.mesh)
-    faces = table.mesh.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", {}
-    _write_gifti(path, table, [points, faces], {})
+    arrays: list[_GiftiArray] = [
+        (vertices.astype(np.float32), "NIFTI_INTENT_POINTSET", _structure(table.mesh)),
+        (table.mesh.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", {}),
+    ]
+    _write_gifti(path, table, arrays, {})
 
 
 def _structure(mesh: Mesh) -> dict[str, str]:
@@ -171,12 +175,9 @@ def _structure(mesh: Mesh) -> dict[str, str]:
 
 
 def _write_gifti(
-    path: Path,
-    table: FeatureTable,
-    arrays: list[tuple[npt.NDArray[Any], str, dict[str, str]]],
-    about: dict[str, str],
+    path: Path, table: FeatureTable, arrays: list[_GiftiArray], about: dict[str, str]
 ) -> None:
-    """Write arrays, each with its intent and metadata, and the labels of the table."""
+    """Write arrays and the labels of the table, with metadata of the file."""
     from nibabel.gifti import gifti as nibabel_gifti
 
     gifti: Any = nibabel_gifti  # untyped
