@@ -184,6 +184,17 @@ def test_decimation_keeps_components_and_the_map_of_vertices(three_spheres: Mesh
     np.testing.assert_array_equal(same.faces, three_spheres.faces)
 
 
+def test_vertices_that_lose_all_faces_are_mapped_along_the_edges() -> None:
+    sheet = shapes.rectangle(5, 5)
+    n = sheet.n_vertices
+    far = np.array([[5.0, 5.0, 0.0], [5.001, 5.0, 0.0]])  # a needle, hinged at the middle vertex
+    faces = np.concatenate([sheet.faces, [[12, n, n + 1]]])
+    simple, mapping = decimated(Mesh(np.concatenate([sheet.vertices, far]), faces), 0.5)
+    assert simple.n_faces < len(faces)
+    assert (mapping[n:] == mapping[12]).all()
+    np.testing.assert_array_equal(np.unique(mapping), np.arange(simple.n_vertices))
+
+
 def test_small_components_and_vertices_without_faces_are_in_no_domain() -> None:
     ball, other = shapes.icosphere(3), shapes.icosphere(1)
     n = ball.n_vertices

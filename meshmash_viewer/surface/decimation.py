@@ -73,18 +73,9 @@ def _collapsed(
     if not len(collapses):
         return same
     points, kept, mapping = fast_simplification.replay_simplification(points, corners, collapses)
-    used, kept = np.unique(kept, return_inverse=True)
-    if not len(used):
+    if not len(kept):
         return same  # a component of few faces would vanish
-    places = np.full(len(points), -1)
-    places[used] = np.arange(len(used))
-    places = places[mapping]
-    alone = np.flatnonzero(places < 0)
-    if len(alone):  # collapsed into a vertex without faces: take the nearest vertex with faces
-        from scipy.spatial import cKDTree
-
-        places[alone] = cKDTree(points[used]).query(vertices[alone] - center)[1]
-    return points[used].astype(np.float64) + center, kept.reshape(-1, 3), places
+    return points.astype(np.float64) + center, kept, mapping
 
 
 @dataclass(frozen=True, eq=False)
