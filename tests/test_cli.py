@@ -27,6 +27,7 @@ from meshmash_viewer.decompose import (
     compute_geometry_vectors,
     compute_hks,
     decompose_laplacian,
+    decompose_mesh,
 )
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import read_mesh
@@ -320,6 +321,9 @@ def test_many_meshes_to_a_folder_and_a_template(
     reports = [json.loads(line) for line in out.splitlines()]
     assert [report["mesh"] for report in reports] == ["ball", "sheet"]
     assert all(report["complete"] and report["worst_residual"] < 1e-8 for report in reports)
+    for report, path in zip(reports, (ball, sheet), strict=True):
+        highest = decompose_mesh(read_mesh(path), 12)[0][-1]
+        assert report["max_eigenvalue"] == pytest.approx(highest, rel=1e-9)
     assert run(capsys, *arguments, "-o", tmp_path / "{name}-{kind}.npy")[0] == 0
     assert (tmp_path / "sheet-hks.npy").exists()
 

@@ -13,10 +13,12 @@ import numpy.typing as npt
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
+import shapes
 from scipy.sparse.csgraph import connected_components
 from tiers import slow_but
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.cost import estimate_memory
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -254,6 +256,16 @@ def test_known_pairs_of_another_problem_are_not_believed() -> None:
     exact = dense(matrices)
     exact[0] = 0.0
     check(solve(*matrices, 60, known=solve(*random_mesh(10), 40)), exact[:60])
+
+
+def test_known_pairs_in_another_order_of_vertices_are_not_believed() -> None:
+    """The eigenvalues are the same, the vectors are not."""
+    matrices = cotangent_laplacian(shapes.blob(2))
+    order = np.random.default_rng(0).permutation(matrices[0].shape[0])
+    renumbered = [sp.csc_array(matrix)[order][:, order] for matrix in matrices]
+    exact = dense(matrices)
+    exact[0] = 0.0
+    check(solve(*matrices, 60, known=solve(*renumbered, 40)), exact[:60])
 
 
 def test_pairs_arrive_in_order_and_final() -> None:

@@ -409,7 +409,8 @@ def test_a_band_beyond_where_the_law_ends_may_be_missing_as_a_whole(wholes):
 
 
 @pytest.mark.parametrize(
-    ("share", "text"), [(0.954, "95 %"), (0.0142, "1.4 %"), (0.096, "9.6 %"), (0.0, "0 %")]
+    ("share", "text"),
+    [(0.954, "95 %"), (0.0142, "1.4 %"), (0.096, "9.6 %"), (0.0, "0 %"), (0.996, "99.6 %")],
 )
 def test_a_share_has_as_many_digits_as_it_is_worth(share: float, text: str) -> None:
     assert percent(share) == text.replace(" ", NO_BREAK)

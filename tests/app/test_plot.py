@@ -39,7 +39,10 @@ def test_few_ticks_in_log_scale_have_labels(qapp, ends, texts) -> None:
     axis = ScientificAxis("left")
     axis.setLogMode(True)
     axis.setRange(*ends)
-    assert axis.tickStrings([-8.0, math.log10(2e-8), math.log10(3e-8)], 1.0, 1.0) == texts
+    powers = [-8.0, math.log10(2e-8), math.log10(3e-8)]
+    assert axis.tickStrings(powers, 1.0, 1.0) == texts
+    # another unit multiplies the values
+    assert axis.tickStrings([power + 3.0 for power in powers], 1e-3, 1.0) == texts
 
 
 @pytest.mark.parametrize(("width", "second"), [(140, None), (500, "2")])

@@ -29,6 +29,9 @@ def test_values_are_those_of_aubry_2011(rectangle: Mesh) -> None:
     assert chosen.quantity(spectrum, "nm") == (
         f"ln λ = {format_number(energy)} (λ = {format_quantity(np.exp(energy), 'nm', -2)})"
     )
+    within = np.count_nonzero(np.abs(logs - energy) < width * step)
+    reading = chosen.reading(spectrum, "nm")
+    assert reading.facts[2:] == (format_number(width * step, 3), f"{within}")
     described = chosen.describe(spectrum, "nm")
     assert (described.title, described.unit("nm")) == ("Wave kernel signature", "nm⁻²")
 

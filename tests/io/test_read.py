@@ -782,6 +782,16 @@ def test_npz_arrays_with_one_of_the_names_of_a_mesh_are_maps(tmp_path: Path) -> 
 
 
 @pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("columns", [["a", "b"], ["a"], None])
+def test_only_features_have_the_names_of_columns(columns: list[str] | None, tmp_path: Path) -> None:
+    two = {name: np.ones((len(VERTICES), 2)) for name in ("features", "other")}
+    np.savez(tmp_path / "a.npz", **two, **({} if columns is None else {"columns": columns}))
+    named = columns if columns == ["a", "b"] else ["features 0", "features 1"]
+    found = [each.name for each in read_maps(tmp_path / "a.npz", (VERTICES, FACES))]
+    assert found == [*named, "other 0", "other 1"]
+
+
+@pytest.mark.usefixtures("read_here")
 def test_columns_of_an_npz_beyond_the_limit_are_said(tmp_path: Path) -> None:
     path, mesh = tmp_path / "a.npz", {"vertices": VERTICES, "faces": FACES}
     np.savez(path, wide=np.zeros((len(VERTICES), 65)), height=VERTICES[:, 2], **mesh)
@@ -914,6 +924,12 @@ def test_a_sentence_is_short_however_much_a_file_says(
             f'<GIFTI Version="1.0"><DataArray Dimensionality="1" Dim0="{9 * "9"}9999"/></GIFTI>',
             "holds no surface",
         ),
+        (
+            "far.ply",
+            f"ply\nformat ascii 1.0\nelement vertex {10**15}\nproperty float x\n"
+            "property float y\nproperty float z\nend_header\n0 0 0\n",
+            f"promises {10**15} of its element 'vertex' but ends after 1",
+        ),
         ("short.stl", "abc", "is too short for an STL file"),
         (
             "odd.stl",
@@ -964,6 +980,8 @@ def test_gzip_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.Monke
     path.write_bytes(gzip.compress(bytes(20_000_000)))
     assert "unpacks to more than" in fault_of(path)
     assert "MESHMASH_READ_LIMITS=10" in fault_of(path)
+    path.write_bytes(gzip.compress(b""))
+    assert "is empty once unpacked" in fault_of(path)
     assert not list(scratch.iterdir())
 
 

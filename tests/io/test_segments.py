@@ -245,13 +245,13 @@ def grow_finest_level(index: Path, data: Path, n_vertices: int) -> None:
     index.write_bytes(manifest.to_binary())
 
 
-@pytest.fixture
-def refusing_server() -> Iterator[str]:
-    """Run a local server that answers 403, with a secret in its message; yield its address."""
+@pytest.fixture(params=[401, 403])
+def refusing_server(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Run a local server that refuses access, with a secret in its message; yield its address."""
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            self.send_response(403, "token=hush")
+            self.send_response(request.param, "token=hush")
             self.end_headers()
 
         do_HEAD = do_GET

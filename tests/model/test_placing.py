@@ -79,7 +79,7 @@ def test_indices_are_those_of_the_file(tmp_path: Path) -> None:
     corners = [[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0]]
     mesh = repair_mesh((corners, [[1, 2, 3]]), "drop_unreferenced_vertices")
     found = placed(mesh, tmp_path, "index\n3\n0\n9\n")
-    assert found.pins == ((2, "", ""),)
+    assert (found.pins, found.remarks) == (((2, "", ""),), ())
     assert "row 2: Vertex 0 was removed by a repair" in found.faults[0]
     assert found.faults[1] == "row 3: There is no vertex 9: they are counted from 0 to 3"
 

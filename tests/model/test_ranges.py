@@ -10,7 +10,7 @@ from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
-from meshmash_viewer.spectral.weyl import required_eigenvalue
+from meshmash_viewer.spectral.weyl import Target, required_eigenvalue
 
 
 def spectrum_of(eigenvalues: np.ndarray, n_vertices: int = 1000) -> Eigenpairs:
@@ -100,6 +100,15 @@ def test_bands_by_hand_are_in_order_and_never_empty() -> None:
     assert by_hand.range(TWO_PIECES) == (2e-8, 2e-8 + 1.0)
     assert GeometryVectors(low=2e-8, high=3e-8).range(TWO_PIECES) == (0.0, 8e-8)
     assert GeometryVectors().range(ZEROS) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("high", "n_vertices"), [(8e-8, 99), (8.1e-8, 99), (1e-6, 99), (1e-6, 7)])
+def test_bands_beyond_the_computed_pairs_need_more_of_them(high: float, n_vertices: int) -> None:
+    some = spectrum_of(TWO_PIECES.eigenvalues, n_vertices)
+    reading = GeometryVectors(automatic=False, low=0.0, high=high).reading(some, "nm")
+    needed = high > 8e-8 and n_vertices > len(some)
+    assert reading.sufficient == (Target("max_eigenvalue", high) if needed else None)
+    assert ("need more eigenpairs" in reading.warning) is needed
 
 
 def test_a_spectrum_of_rounding_has_no_times_of_its_own() -> None:
