@@ -15,7 +15,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, exact_array
 from meshmash_viewer.errors import InputError, not_installed, printable
 from meshmash_viewer.features.points import Points, ProjectedPoints
-from meshmash_viewer.io.formats.tables import ROW_NUMBERS, plain_table, text_table
+from meshmash_viewer.io.formats.tables import counts_rows, plain_table, text_table
 from meshmash_viewer.io.write import write_table
 from meshmash_viewer.io.writers import FeatureTable
 from meshmash_viewer.quantities import parse_unit
@@ -90,7 +90,7 @@ def read_points(
         columns = _in_memory(table)
     else:
         columns = _read(path)
-    columns = {each: values for each, values in columns.items() if not _counts_rows(each, values)}
+    columns = {each: values for each, values in columns.items() if not counts_rows(each, values)}
     if not any(map(len, columns.values())):
         raise InputError(f"{name} has no rows: export it again.")
     found = _positions(columns)
@@ -244,12 +244,6 @@ def _held(given: Any) -> npt.NDArray[Any]:
     made = np.empty(len(given), dtype=object)
     made[:] = list(given)
     return made
-
-
-def _counts_rows(name: str, values: npt.NDArray[Any]) -> bool:
-    """Whether a column holds row numbers, as pandas writes them."""
-    whole = name in ROW_NUMBERS and values.dtype.kind in "iu"
-    return whole and np.array_equal(values, np.arange(len(values)))
 
 
 def _arrow_table(path: Path, ending: str, beginning: bool) -> pyarrow.Table:

@@ -317,8 +317,8 @@ def _matrix(node: Entry) -> FloatArray:
     if "matrix" in node:
         columns: FloatArray = np.array(node["matrix"], dtype=np.float64).reshape(4, 4)
         return np.asarray(columns.T)
-    keys = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
-    given = {name: np.array([node[key]]) for name, key in keys.items() if key in node}
+    keys = ("translation", "rotation", "scale")
+    given = {key.upper(): np.array([node[key]]) for key in keys if key in node}
     return np.asarray(_placements(given or {"SCALE": np.ones((1, 3))})[0])
 
 

@@ -30,7 +30,7 @@ _MISSING = (
     "#DIV/0!", "#NUM!", "#VALUE!", "#REF!",
 )  # fmt: skip
 #: Names of columns of row numbers in files of pandas.
-ROW_NUMBERS = ("", "Unnamed: 0", "__index_level_0__")
+_ROW_NUMBERS = ("", "Unnamed: 0", "__index_level_0__")
 #: Columns with the names and colours of labels in the column "label".
 _TEXTS = ("name", "color", "colour")
 #: Number of bytes that are read to find the separator of columns.
@@ -237,13 +237,8 @@ def _is_number(word: str) -> bool:
     try:
         float(word)
     except ValueError:
-        return is_missing(word)
+        return word in _MISSING or word.lower() in ("", "na", "n/a", "#n/a", "null")
     return "_" not in word
-
-
-def is_missing(word: str) -> bool:
-    """Whether a field is empty or a text for a missing number, other than NaN."""
-    return word in _MISSING or word.lower() in ("", "na", "n/a", "#n/a", "null")
 
 
 def _maps(table: pyarrow.Table) -> RawMesh:
@@ -262,8 +257,7 @@ def _maps(table: pyarrow.Table) -> RawMesh:
         except InputError as fault:
             left_out.append(f"{printable(name, 60)!r} ({fault})")
             continue
-        is_index = name in ROW_NUMBERS and np.array_equal(values, np.arange(len(values)))
-        if not is_index or table.num_columns == 1:
+        if not counts_rows(name, values) or table.num_columns == 1:
             columns.append((name, values))
     order, rows = _rows([values for name, values in columns if name == "vertex"])
     found = [
@@ -288,6 +282,12 @@ def _maps(table: pyarrow.Table) -> RawMesh:
         raise InputError(f"has {len(found):,} columns, of which {MOST_MAPS} can be taken at most")
     said = f"has columns that are left out: {', '.join(left_out)}"
     return maps_alone(found, (said,) if left_out else ())
+
+
+def counts_rows(name: str, values: npt.NDArray[Any]) -> bool:
+    """Whether a column holds row numbers, as pandas writes them."""
+    numbered = name in _ROW_NUMBERS and values.dtype.kind in "iuf"
+    return numbered and np.array_equal(values, np.arange(len(values)))
 
 
 def is_label_set(names: Iterable[str]) -> bool:
