@@ -28,6 +28,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMenu,
     QPushButton,
+    QScrollArea,
     QWidget,
 )
 
@@ -1007,3 +1008,13 @@ def test_what_cannot_be_compared_costs_a_sentence(
     if name.startswith("broken"):
         wait_for(lambda: window.opening.second_view is None)
     assert window.controller.field is shown
+
+
+def test_the_panel_is_no_wider_than_its_place(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    beside(window, folder / "other.npz", monkeypatch)
+    window.pair_panel.raise_()
+    rest(window)
+    (area,) = window.pair_panel.findChildren(QScrollArea)
+    assert area.widget().minimumSizeHint().width() <= area.viewport().width()

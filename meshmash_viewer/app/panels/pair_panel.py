@@ -190,7 +190,8 @@ class PairPanel(QWidget):
                 *self.links.values(),
                 row((make.heading("Second mesh"),), self.undo_button),
                 self._second,
-                row(self.map_button, self.export_button, self.labels_button, None),
+                row(self.map_button, self.export_button, None),
+                row(self.labels_button, None),
             )
         )
         whole = make.holder(
