@@ -46,6 +46,7 @@ _CONVERSIONS: tuple[tuple[Callable[[object], bool], str], ...] = (
     (lambda given: isinstance(given, (str, PurePath)), "Read a file with read_mesh."),
     (lambda given: hasattr(given, "extract_surface"), "Give mesh.extract_surface()."),
     (lambda given: hasattr(given, "to_mesh"), "Give scene.to_mesh()."),
+    (lambda given: hasattr(given, "shape"), "Give both arrays as one argument, (vertices, faces)."),
     (lambda given: hasattr(given, "cells_dict"), 'Give mesh.points, mesh.cells_dict["triangle"].'),
 )
 

@@ -254,12 +254,12 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
     >>> parse_unit("8,5 nm")
     ((8.5, 8.5, 8.5), 'nm')
     """
-    plain = _plain(text)
+    plain = _plain(str(text))
     if plain in MESH_UNITS:
         factor, unit = MESH_UNITS[plain]
         return (factor, factor, factor), unit
     try:
-        voxel, unit = parse_voxel(text)
+        voxel, unit = parse_voxel(str(text))
     except _AmbiguousError:
         raise
     except InputError:

@@ -255,6 +255,7 @@ def test_what_is_missing_of_them_is_what_more_pairs_add() -> None:
         (3, {"measure": "walk"}, "no distance 'walk'"),
         (3, {"measure": "commute"}, "needs eigenpairs"),
         (3, {"measure": "diffusion", "decomposition": "pairs"}, "needs a positive time"),
+        (3, {"measure": "diffusion", "decomposition": "pairs", "time": [1, 2]}, "a positive time"),
     ],
 )
 def test_what_there_is_no_distance_from_is_said(

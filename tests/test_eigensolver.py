@@ -437,6 +437,7 @@ def test_a_certificate_says_what_it_lacks() -> None:
         assert not wanting.complete
         assert said in wanting.lacks[0]
         assert f"not proven complete: {wanting.lacks[0]}" in wanting.sentence(5)
+        assert ("worst residual" in wanting.sentence(5)) == (wanting.method != "none")
 
 
 @pytest.mark.slow

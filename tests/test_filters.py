@@ -176,13 +176,14 @@ def test_the_documented_hks_filter():
     np.testing.assert_allclose(single[0, -1], 1e-4, rtol=1e-5)
 
 
-@pytest.mark.parametrize("times", [[1.0, np.inf], [1.0, -1.0], [np.nan], [], [[1.0]]])
+@pytest.mark.parametrize("times", [[1.0, np.inf], [1.0, -1.0], [np.nan], [], [[1.0]], {}])
 def test_times_of_a_heat_bank_are_finite_and_not_negative(times):
     with pytest.raises(InputError, match="time"):
         heat_kernel_bank(times)
 
 
 def test_heat_bank_names_its_times_apart():
+    assert heat_kernel_bank(0.5).columns == ("hks_t=5.00e-01",)
     bank = heat_kernel_bank([123456.0, 2e6])
     assert bank.columns == ("hks_t=1.23e+05", "hks_t=2.00e+06")
     assert (bank.parameter_name, bank.parameter_power, bank.n_filters) == ("t", 2, 2)

@@ -76,7 +76,7 @@ def test_the_unit_of_a_parameter_follows_from_the_formula(text: str, powers: dic
         ("exp(-t*x))", "at character 10: this bracket closes none"),
         ("2x", r"at character 2: write a sign such as \* between 2 and x"),
         ("1e-3*x+exp(-t x)", r"at character 15: write a sign such as \* between t and x"),
-        ("exp(-t*lambda)", "at character 8: lambda is a reserved word"),
+        ("exp(-t*lambda)", "at character 8: lambda is a reserved word, so write x for λ"),
         ("x +* 2", r"at character 4: write one such as exp\(-2\*t\*x\)"),
         ("x^", "cannot be read at character 2"),
         (" t + x*", "cannot be read at character 7"),

@@ -114,6 +114,7 @@ def test_a_path_is_told_how_to_be_read(thing):
     [
         (pyvista.ImageData(dimensions=(2, 2, 2)), r"mesh\.extract_surface\(\)"),
         (trimesh.Scene(trimesh.creation.box()), r"scene\.to_mesh\(\)"),
+        (np.eye(3), r"as one argument, \(vertices, faces\)"),
         ((np.eye(3), [[1, 2, 3]]), "subtract 1"),
         ((np.eye(3), [[3, 0, 1, 2]]), r"faces\[:, 1:\]"),
     ],

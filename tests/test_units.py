@@ -91,9 +91,10 @@ def test_an_ambiguous_voxel_is_refused_with_its_readings(
     [
         "furlong", "8", "8 none", "0 nm", "-8 nm", "1e999 nm", "8 8 nm", "4 x 40 nm", "4,4,40",
         "4 x 4 x 0 nm", "4 x 4 x 4 x 4 nm", "4 x 4 x nm", "x nm", "4..2 nm", "4 nm x 4 nm", "8 nm!",
+        (4, 4, 40),
     ],
 )  # fmt: skip
-def test_what_is_no_unit_is_refused_with_what_is(text: str) -> None:
+def test_what_is_no_unit_is_refused_with_what_is(text: object) -> None:
     with pytest.raises(InputError) as fault:
         parse_unit(text)
     assert repr(text) in str(fault.value)

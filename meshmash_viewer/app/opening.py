@@ -180,7 +180,7 @@ class Opening(QObject):
             "pin": len(self.document.pins.placed),
             "map": self.last_session.restore_maps(self.last_session.path(path), session.kept_maps),
             "map file": len(session.maps),
-            "second mesh": int(bool(session.second_path)),
+            "other mesh": int(bool(session.second_path)),
             "table of points": int(bool(session.points)),
             "rebuilt shape": int(self.document.display.shape.shown),
         }

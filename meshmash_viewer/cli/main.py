@@ -159,7 +159,7 @@ def _open_window(options: Namespace) -> int:
     if others := ", ".join(map(str, options.mesh[1:])):
         say(
             f"The window opens only {first}, not {others}: open a second mesh by File > Compare"
-            " with."
+            " with, and values per vertex by --map."
         )
     path = Path(first) if first else None
     return run_app(path, options.unit or "", options.map, fresh=options.fresh)

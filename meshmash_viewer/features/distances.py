@@ -21,7 +21,7 @@ from meshmash_viewer.features.filter_responses import ZERO_SHARE, as_spectrum
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
-from meshmash_viewer.units import power_unit
+from meshmash_viewer.units import is_real, power_unit
 
 #: Label, and unit as a power of length, of each kind of distance by name.
 MEASURES: dict[str, tuple[str, int]] = {
@@ -69,7 +69,7 @@ def diffusion_distance(
 
 
 def _check_time(time: float | None) -> None:
-    if time is None or not 0.0 < time < math.inf:
+    if time is None or not is_real(time) or not 0.0 < time < math.inf:
         raise InputError(f"time is {time}: the diffusion distance needs a positive time.")
 
 

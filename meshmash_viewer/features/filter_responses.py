@@ -137,7 +137,10 @@ def as_spectrum(eigenvalues: npt.ArrayLike) -> FloatArray:
 
 def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
     """Return parameters, shape (f,); `InputError` if none, or one is negative or not finite."""
-    parameters = np.array(values, dtype=np.float64)
+    try:
+        parameters = np.array(values, dtype=np.float64, ndmin=1)
+    except (TypeError, ValueError):
+        parameters = np.empty(0)
     if parameters.ndim != 1 or not len(parameters):
         raise InputError(f"Give a 1-D list of at least one {name}.")
     if len(parameters) > MOST_FILTERS:

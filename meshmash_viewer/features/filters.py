@@ -117,7 +117,7 @@ def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
 
     Parameters
     ----------
-    times : array_like, shape (f,)
+    times : array_like, shape (f,), or a number
         Diffusion times in squared unit of the mesh; heat spreads over a length of about ``√t``.
 
     References
@@ -155,7 +155,8 @@ def wave_kernel_bank(
     eigenvalues : array_like, shape (k,)
         The spectrum that sets the range of energies; zero eigenvalues are ignored.
     n_energies : int
-        Number of columns.
+        Number of columns. Their centres are evenly spaced in log λ, from two standard deviations
+        above the first nonzero eigenvalue to two below the last.
     width : float
         Standard deviation of the bands, in steps between neighbouring bands.
     energies : array_like, shape (f,), optional

@@ -344,6 +344,10 @@ def _unreadable(text: str, fault: SyntaxError) -> FormulaError:
     )
 
 
+#: Names to use in place of words that Python reserves.
+_INSTEAD = {"lambda": "x for λ"}
+
+
 def _slips(text: str) -> Iterator[tuple[int, str]]:
     """Yield positions, and remedies, of unmatched brackets, missing signs and reserved words."""
     opened: list[int] = []
@@ -351,7 +355,7 @@ def _slips(text: str) -> Iterator[tuple[int, str]]:
     for token in _TOKEN.finditer(text):
         word, at = token.group(), token.start()
         if keyword.iskeyword(word) and word not in _WORDS:
-            yield at, f"{word} is a reserved word, so write another, and x for λ"
+            yield at, f"{word} is a reserved word, so write {_INSTEAD.get(word, 'another name')}"
         begins = word not in _WORDS and (word[0].isalnum() or word == "(")
         called = word == "(" and before[:1].isalpha()
         if _ends_value(before) and begins and not called:

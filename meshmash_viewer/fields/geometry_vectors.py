@@ -47,7 +47,7 @@ class GeometryVectors(BankColumns):
     automatic: bool = parameter(
         True,
         Flag(),
-        text="Automatic, from 0 to λ_max",
+        text="Automatic, from 0 to the last λ",
         tip="The ends can be dragged on the spectrum, too",
     )
     #: Range of eigenvalues in inverse squared length units when not automatic.

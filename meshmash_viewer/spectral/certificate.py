@@ -99,15 +99,12 @@ class Certificate:
         · orthonormality 3×10⁻¹³".
         """
         state = "complete" if self.complete else f"not proven complete: {', '.join(self.lacks)}"
-        how = f" ({self.count_sentence(unit)})" if self.method != "none" else ""
-        parts = (
-            counted(n_pairs, "pair"),
-            state + how,
-            f"worst residual {_short(self.residual)}",
-            f"orthonormality {_short(self.orthonormality)}",
-            self.remark,
-        )
-        return " · ".join(filter(None, parts))
+        errors: tuple[str, ...] = ()
+        if self.method != "none":
+            state += f" ({self.count_sentence(unit)})"
+            residual, orthonormality = map(_short, (self.residual, self.orthonormality))
+            errors = f"worst residual {residual}", f"orthonormality {orthonormality}"
+        return " · ".join(filter(None, (counted(n_pairs, "pair"), state, *errors, self.remark)))
 
 
 def _short(error: float) -> str:

@@ -284,6 +284,8 @@ def check_eigenpairs(call: str, *given: Any) -> None:
         if not (hasattr(each, "eigenvalues") and hasattr(each, "rows")):
             raise InputError(
                 f"{call} takes eigenpairs as solve returns them, not of type {type(each).__name__}."
+                " Give pairs of your own as Decomposition(eigenvalues, eigenvectors.T, residuals,"
+                " mass=M.diagonal())."
             )
         if len(each.mass) != each.rows.shape[1]:
             raise InputError(

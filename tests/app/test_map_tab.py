@@ -223,7 +223,7 @@ def test_the_slider_rebuilds_the_map(window: MainWindow) -> None:
         assert share == pytest.approx(100.0 - 100.0 * rest_of_it / whole, rel=1e-3)
         varying = np.sum(mass * (DEPTH - np.average(DEPTH, weights=mass)) ** 2)
         told = part(window, QLabel, "map_varying_label").text()
-        said, of = told.split(" of what varies: ")
+        said, of = told.split(" of what varies (")
         assert float(said.removesuffix("%")) == pytest.approx(
             100.0 - 100.0 * rest_of_it / varying, abs=0.1
         )

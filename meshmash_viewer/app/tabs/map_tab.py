@@ -344,6 +344,6 @@ def _meaning(known: MapSpectrum, count: int) -> str:
     left = f"; the other {format_share(1.0 - share)} is finer detail" if share < 0.9995 else ""
     pairs = "this pair" if count == 1 else f"these {count:,} pairs"
     return (
-        f"{format_share(share)} of what varies: of the differences from the mean, squared and"
-        f" summed over the area, is in {pairs}{left}."
+        f"{format_share(share)} of what varies (the squared differences from the mean, summed"
+        f" over the area) is in {pairs}{left}."
     )
