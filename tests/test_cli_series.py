@@ -53,6 +53,8 @@ def test_a_gallery_has_a_picture_a_column(
     assert len([each for each in long(opaque.sum(axis=1) > 150) if len(each) > 80]) == 2
     middle = opaque[: opaque.shape[0] // 2]
     assert len([each for each in long(middle.sum(axis=0) > 60) if len(each) > 60]) == 3
+    covered = np.flatnonzero(middle.sum(axis=0) > 60)
+    assert covered[0] + covered[-1] == pytest.approx(599, abs=4), "in the middle of the sheet"
     assert run(capsys, "gallery", ball, *options, "--dark", "-o", out)[0] == 0
     with Image.open(out) as image:
         assert np.asarray(image.convert("RGB"))[2, 590].max() < 128

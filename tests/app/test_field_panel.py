@@ -269,6 +269,10 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     check = part(panel, "hks_automatic_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
     assert display[HeatKernelSignature].automatic
+    QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
+    chosen = display[HeatKernelSignature]
+    assert not chosen.automatic
+    assert (chosen.t_min, chosen.t_max) == HeatKernelSignature().range(document.spectrum)
 
 
 def test_a_range_of_a_single_time_has_its_slider_at_the_beginning(

@@ -109,6 +109,7 @@ def test_from_nothing_to_labels_with_keys_alone(window: MainWindow, qtbot: QtBot
     rest(window, qtbot)
     assert (document.display.kind, document.display[OwnMaps].chosen) == ("map", "labels")
     assert texts(window) == [["1", "label 1", "0", "–"], ["2", "label 2", "0", "–"]]
+    assert table(window).chosen == [2], "the new label"
     document.selection.set(UP)
     catch_up()
     assert part(window, "label_hint").text().startswith(f"{UP.sum()} vertices selected")

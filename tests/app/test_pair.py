@@ -146,6 +146,7 @@ def one_window(folder: Path, module_cache: Path) -> Iterator[MainWindow]:
 @pytest.fixture
 def window(one_window: MainWindow) -> Iterator[MainWindow]:
     """A window without a second mesh."""
+    assert not one_window.actions_["end_comparison"].isEnabled()
     one_window.activateWindow()  # an earlier test may have left a menu or a dialog active
     wait_for(one_window.isActiveWindow)
     yield one_window

@@ -33,13 +33,16 @@ def test_ticks_are_powers_of_ten(qapp, values, spacing, texts) -> None:
 
 @pytest.mark.parametrize(
     ("ends", "texts"),
-    [((-8.0, -7.0), ["10⁻⁸", "2×10⁻⁸", None]), ((-8.0, -4.0), ["10⁻⁸", None, None])],
+    [
+        ((-8.0, -7.0), ["10⁻⁸", "2×10⁻⁸", None, "5×10⁻⁸"]),
+        ((-8.0, -4.0), ["10⁻⁸", None, None, None]),
+    ],
 )
 def test_few_ticks_in_log_scale_have_labels(qapp, ends, texts) -> None:
     axis = ScientificAxis("left")
     axis.setLogMode(True)
     axis.setRange(*ends)
-    powers = [-8.0, math.log10(2e-8), math.log10(3e-8)]
+    powers = [-8.0, *(math.log10(1e-8 * size) for size in (2, 3, 5))]
     assert axis.tickStrings(powers, 1.0, 1.0) == texts
     # another unit multiplies the values
     assert axis.tickStrings([power + 3.0 for power in powers], 1e-3, 1.0) == texts

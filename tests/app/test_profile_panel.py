@@ -223,6 +223,8 @@ def test_a_pin_that_is_pointed_at_is_brought_forward(panel: ProfilePanel, docume
     QTest.mouseMove(rows[300], rows[300].rect().center())
     qtbot.waitUntil(lambda: told == [300])
     assert strengths()[300] > 2 * strengths()[5]
+    depths = {pin.vertex: curve.zValue() for pin, (curve, _) in panel._curves.items()}
+    assert depths[300] > depths[5]
     assert (rows[5].property("role") or "", rows[300].property("role")) == ("", "pointed")
     # point at the first dot of the other curve, which lies far above
     QTest.qWait(60)

@@ -256,6 +256,10 @@ def test_without_a_set_or_a_mesh_it_is_one_sentence(document: Document) -> None:
     assert texts[-1] == "There is no label set: make one with New label."
     document.labels.assign_nth(1)
     assert texts == 2 * ["There is no label set: make one with New label."]
+    jobs: list[object] = []
+    document.work.requested.connect(jobs.append)
+    document.labels.measure_regions()
+    assert not jobs
     empty = Document()
     texts = said(empty)
     empty.labels.new_label()
