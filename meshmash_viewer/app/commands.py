@@ -15,8 +15,8 @@ from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.background import BackgroundIO, say_saved
 from meshmash_viewer.app.controls.field_events import settle_typing
-from meshmash_viewer.app.opening import Opening
-from meshmash_viewer.app.pictures import Pictures, ask
+from meshmash_viewer.app.opening import Opening, ask
+from meshmash_viewer.app.pictures import Pictures
 from meshmash_viewer.app.pin_commands import PinCommands
 from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
 from meshmash_viewer.fields.table import FAR

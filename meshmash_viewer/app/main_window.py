@@ -196,8 +196,8 @@ class MainWindow(ScriptedWindow):
         self.select_tool = SelectTool(self.document, self.scene, self.controller, self)
         self.commands.select_tool = self.select_tool
         self.commands.cutting = Cutting(self.document, self.scene)
-        given = self, self.document, self.scene, self.settings, self.background_io
-        self.point_tool = self.commands.point_tool = PointTool(*given)
+        self.point_tool = PointTool(self.opening, self.scene, self.background_io)
+        self.commands.point_tool = self.point_tool
         self.opening.points_requested.connect(self.point_tool.open_dropped)
         self.scene.point_hovered.connect(self.hover_label.show_point)
         points = self.label_panel.points

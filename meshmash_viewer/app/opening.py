@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QFileDialog, QMainWindow
+from PySide6.QtWidgets import QDialog, QFileDialog, QMainWindow
 
 from meshmash_viewer.app.background import say_saved
 from meshmash_viewer.app.controller import Controller
@@ -214,14 +214,12 @@ class Opening(QObject):
     def _add_map(self, document: Document) -> None:
         from meshmash_viewer.app.dialogs.files import ask_for_maps
 
-        paths = ask_for_maps(self.window, self.settings.folder)
-        if paths:
+        if paths := ask_for_maps(self.window, self.settings.folder):
             self.settings.folder = paths[0].parent
             document.maps.open(paths)
 
     def open_mesh(self) -> None:
-        path = self._ask_for_mesh("Open mesh")
-        if path is not None:
+        if path := self._ask_for_mesh("Open mesh"):
             self.open_path(path)
 
     def open_link(self) -> None:
@@ -232,26 +230,26 @@ class Opening(QObject):
         is_linked = path is not None and path.suffix == LINK_ENDING
         source = name_and_place(path)[1] if path and is_linked else ""
         dialog = LinkDialog(self.window, source, can_compare=self.scene is not None)
-        dialog.accepted.connect(lambda: self.open_paths([dialog.path], as_second=dialog.compares))
-        dialog.finished.connect(dialog.deleteLater)
-        dialog.open()
+        ask(dialog, lambda: self.open_paths([dialog.path], as_second=dialog.compares))
 
     def compare_with(self) -> None:
-        path = self._ask_for_mesh("Compare with")
-        if path is not None:
-            self.settings.folder = path.parent
+        if path := self._ask_for_mesh("Compare with"):
             self.open_second(path)
 
     def _ask_for_mesh(self, title: str) -> Path | None:
         # the ending of a FreeSurfer file is the name of the surface, such as .pial
         patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
-        path, _ = QFileDialog.getOpenFileName(
-            self.window,
-            title,
-            str(self.settings.folder),
-            f"Meshes ({patterns});;All files (*)",
+        return self.ask_for_file(title, f"Meshes ({patterns})")
+
+    def ask_for_file(self, title: str, pattern: str) -> Path | None:
+        """Ask for a file to open, in the folder used last; return None if cancelled."""
+        chosen, _ = QFileDialog.getOpenFileName(
+            self.window, title, str(self.settings.folder), f"{pattern};;All files (*)"
         )
-        return Path(path) if path else None
+        if not chosen:
+            return None
+        self.settings.folder = Path(chosen).parent
+        return Path(chosen)
 
     def open_sample(self, name: str = "dendrite") -> None:
         from meshmash_viewer.samples import sample_path
@@ -310,14 +308,8 @@ class Opening(QObject):
     # -- sessions -----------------------------------------------------------------------------
 
     def open_session(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(
-            self.window,
-            "Open session",
-            str(self.settings.folder),
-            f"Sessions (*{SESSION_ENDING});;All files (*)",
-        )
-        if path:
-            self.restore_session(Path(path))
+        if path := self.ask_for_file("Open session", f"Sessions (*{SESSION_ENDING})"):
+            self.restore_session(path)
 
     def restore_session(self, path: Path, maps: Sequence[Path] = ()) -> None:
         """Restore a session file, and add maps from further files."""
@@ -392,6 +384,14 @@ class Opening(QObject):
             self.document.notices.say(f"The session was not saved: {fault}", Severity.ERROR)
             return
         say_saved(self.document, f"Session saved to {path}.", path)
+
+
+def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
+    """Open a dialog, and delete it when it is closed."""
+    if accepted is not None:
+        dialog.accepted.connect(accepted)
+    dialog.finished.connect(dialog.deleteLater)
+    dialog.open()
 
 
 def _write_maps(session: Path, document: Document | None, of: str = "") -> list[str]:

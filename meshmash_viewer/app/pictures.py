@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from PySide6.QtGui import QGuiApplication, QImage
-from PySide6.QtWidgets import QDialog
 
 from meshmash_viewer.app.background import BackgroundIO, say_saved
 from meshmash_viewer.app.listening import later
-from meshmash_viewer.app.opening import Opening
+from meshmash_viewer.app.opening import Opening, ask
 from meshmash_viewer.io.atomic import remove_left_overs
 from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.progress import Cancelled
@@ -260,14 +259,6 @@ class Pictures:
             process.close()
         for dialog in list(self._open_dialogs.values()):
             dialog.done(0)  # cancels the recording of a movie
-
-
-def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
-    """Open a dialog, and delete it when it is closed."""
-    if accepted is not None:
-        dialog.accepted.connect(accepted)
-    dialog.finished.connect(dialog.deleteLater)
-    dialog.open()
 
 
 def _options(stored: str) -> FigureOptions:

@@ -12,24 +12,21 @@ from PySide6.QtGui import QColor, QCursor, QGuiApplication
 from PySide6.QtWidgets import (
     QApplication,
     QColorDialog,
-    QFileDialog,
     QInputDialog,
     QMenu,
-    QWidget,
 )
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.background import BackgroundIO
-from meshmash_viewer.app.opening import Opening
-from meshmash_viewer.app.pictures import ask
+from meshmash_viewer.app.opening import Opening, ask
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.pins import PinTable, read_pins
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.notices import Severity
-from meshmash_viewer.model.pins import PIN_COLORS, Pin, distinct_name, pin_at
+from meshmash_viewer.model.pins import PIN_COLORS, distinct_name, pin_at
 from meshmash_viewer.model.placing import PlacedPins, merged_pins, place_pins
 from meshmash_viewer.units import NO_VOXEL, counted, format_position, plain_text
 
@@ -116,12 +113,8 @@ class PinCommands:
             )
 
     def import_pins(self) -> None:
-        chosen, _ = QFileDialog.getOpenFileName(
-            self._window, "Import pins", str(self._settings.folder), f"{_TABLES};;All files (*)"
-        )
-        if chosen:
-            self._settings.folder = Path(chosen).parent
-            self.read(Path(chosen))
+        if path := self._opening.ask_for_file("Import pins", _TABLES):
+            self.read(path)
 
     def read(self, path: Path) -> None:
         mesh = self._document.mesh
@@ -280,20 +273,49 @@ class PinCommands:
         toggle: Callable[[int], object],
         centre: Callable[[int], object],
     ) -> QMenu:
-        """Return the menu of a vertex; `first` is the vertex of the same pin on the first mesh."""
-        assert document.mesh is not None
-        return vertex_menu(
-            self._window,
-            document.mesh,
-            vertex,
-            pin_at(document.pins.placed, vertex),
-            field,
-            toggle=partial(toggle, vertex),
-            centre=partial(centre, vertex),
-            rename=partial(self.ask_for_name, first),
-            recolor=partial(self.ask_for_color, first),
-            say=self._document.notices.say,
-        )
+        """Return the menu of a vertex, with entries for its pin and the displayed field, if any.
+
+        `first` is the vertex of the same pin on the first mesh. The ``objectName`` of an entry is
+        ``menu_<name>``.
+        """
+        mesh, pin = document.mesh, pin_at(document.pins.placed, vertex)
+        assert mesh is not None
+        menu = theme.named(QMenu(self._window), "vertex_menu", "Menu of the vertex")
+
+        def add(name: str, text: str, act: Callable[[], object]) -> None:
+            action = menu.addAction(text.replace("&", "&&"))
+            action.setObjectName(f"menu_{name}")
+            action.triggered.connect(lambda _checked=False: act())
+
+        def add_copy(name: str, text: str, content: str) -> None:
+            def copy() -> None:
+                QGuiApplication.clipboard().setText(content)
+                self._document.notices.say(f"Copied: {content}")
+
+            add(f"copy_{name}", f"Copy {text}: {content}", copy)
+
+        title, place = mesh.named_vertex(vertex), mesh.vertices[vertex]
+        if pin is None:
+            menu.addAction(title.capitalize()).setEnabled(False)
+            menu.addSeparator()
+            add("pin", "Pin here", partial(toggle, vertex))
+        else:
+            title = f"{pin.name or pin.title.capitalize()}, {title}"
+            menu.addAction(title).setEnabled(False)
+            menu.addSeparator()
+            add("unpin", f"Unpin {pin.title}", partial(toggle, vertex))
+            add("rename", "Rename…", partial(self.ask_for_name, first))
+            add("recolor", "Colour…", partial(self.ask_for_color, first))
+        add("centre", "Centre here", partial(centre, vertex))
+        menu.addSeparator()
+        if field is not None and len(field.values) == mesh.n_vertices:
+            add_copy("value", "value", plain_text(field.value_text(vertex, _DIGITS)))
+        unit = f" in {mesh.unit}" if mesh.unit else ""
+        add_copy("coordinates", f"coordinates{unit}", format_position(place))
+        if mesh.voxel != NO_VOXEL:
+            add_copy("voxels", "coordinates in voxels", format_position(place / mesh.voxel))
+        add_copy("index", "index", str(mesh.file_index(vertex)))
+        return menu
 
 
 def _open(menu: QMenu, place: QPoint) -> None:
@@ -305,58 +327,3 @@ def close_menus() -> None:
     """Close the open menus, because their entries refer to a mesh that has been replaced."""
     while isinstance(menu := QApplication.activePopupWidget(), QMenu):
         menu.close()
-
-
-def vertex_menu(
-    parent: QWidget,
-    mesh: Mesh,
-    vertex: int,
-    pin: Pin | None,
-    field: Field | None,
-    *,
-    toggle: Callable[[], object],
-    centre: Callable[[], object],
-    rename: Callable[[], object],
-    recolor: Callable[[], object],
-    say: Callable[[str], object],
-) -> QMenu:
-    """Return the menu of a vertex, with entries for its pin and the displayed field, if any.
-
-    The ``objectName`` of an entry is ``menu_<name>``. `say` is called to show a message.
-    """
-    menu = theme.named(QMenu(parent), "vertex_menu", "Menu of the vertex")
-
-    def add(name: str, text: str, act: Callable[[], object]) -> None:
-        action = menu.addAction(text.replace("&", "&&"))
-        action.setObjectName(f"menu_{name}")
-        action.triggered.connect(lambda _checked=False: act())
-
-    def add_copy(name: str, text: str, content: str) -> None:
-        def copy() -> None:
-            QGuiApplication.clipboard().setText(content)
-            say(f"Copied: {content}")
-
-        add(f"copy_{name}", f"Copy {text}: {content}", copy)
-
-    title, place = mesh.named_vertex(vertex), mesh.vertices[vertex]
-    if pin is None:
-        menu.addAction(title.capitalize()).setEnabled(False)
-        menu.addSeparator()
-        add("pin", "Pin here", toggle)
-    else:
-        title = f"{pin.name or pin.title.capitalize()}, {title}"
-        menu.addAction(title).setEnabled(False)
-        menu.addSeparator()
-        add("unpin", f"Unpin {pin.title}", toggle)
-        add("rename", "Rename…", rename)
-        add("recolor", "Colour…", recolor)
-    add("centre", "Centre here", centre)
-    menu.addSeparator()
-    if field is not None and len(field.values) == mesh.n_vertices:
-        add_copy("value", "value", plain_text(field.value_text(vertex, _DIGITS)))
-    unit = f" in {mesh.unit}" if mesh.unit else ""
-    add_copy("coordinates", f"coordinates{unit}", format_position(place))
-    if mesh.voxel != NO_VOXEL:
-        add_copy("voxels", "coordinates in voxels", format_position(place / mesh.voxel))
-    add_copy("index", "index", str(mesh.file_index(vertex)))
-    return menu

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QFileDialog, QInputDialog, QLabel, QMainWindow
+from PySide6.QtWidgets import QInputDialog, QLabel
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import BackgroundIO, LatestThread
 from meshmash_viewer.app.listening import listen
-from meshmash_viewer.app.pictures import ask
-from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.app.opening import Opening, ask
 from meshmash_viewer.app.view.points import PointCloud, point_colors
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.points import FarPointsError, ProjectedPoints, project_points
@@ -26,7 +25,6 @@ from meshmash_viewer.io.points import (
     read_points,
 )
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.points import PointSet
 from meshmash_viewer.progress import CancelCallback
@@ -47,17 +45,11 @@ _Read: TypeAlias = tuple[PointSet, ProjectedPoints] | SeveralPositionsError | Fa
 class PointTool(QObject):
     """Commands that open a table of points for the first mesh; drawing of the points."""
 
-    def __init__(
-        self,
-        window: QMainWindow,
-        document: Document,
-        scene: MeshView,
-        settings: Settings,
-        background_io: BackgroundIO,
-    ) -> None:
-        super().__init__(window)
-        self._window, self._document, self._scene = window, document, scene
-        self._settings, self._background_io = settings, background_io
+    def __init__(self, opening: Opening, scene: MeshView, background_io: BackgroundIO) -> None:
+        super().__init__(opening.window)
+        self._opening, self._document, self._scene = opening, opening.document, scene
+        self._background_io = background_io
+        document = self._document
         self._asked: _Asked | None = None
         self._thread: LatestThread[_Asked] = LatestThread(_found, self._take, parent=self)
         listen(document.mesh_changed, self._begin)
@@ -80,15 +72,8 @@ class PointTool(QObject):
     def open_points(self) -> None:
         """Ask for a table of points, and draw the points."""
         patterns = " ".join(f"*{ending}" for ending in POINT_ENDINGS)
-        chosen, _ = QFileDialog.getOpenFileName(
-            self._window,
-            "Open points",
-            str(self._settings.folder),
-            f"Tables of points ({patterns});;All files (*)",
-        )
-        if chosen:
-            self._settings.folder = Path(chosen).parent
-            self._read(Path(chosen))
+        if path := self._opening.ask_for_file("Open points", f"Tables of points ({patterns})"):
+            self._read(path)
 
     def open_dropped(self, path: Path) -> None:
         """Draw the points of a table, or add its values per vertex as maps."""
@@ -138,7 +123,9 @@ class PointTool(QObject):
 
     def _ask(self, said: str, choices: list[str], then: Callable[[str], None]) -> None:
         """Ask the user to choose one of several position columns, or to enter the unit."""
-        dialog = theme.named(QInputDialog(self._window), "points_dialog", "How to read the points")
+        dialog = theme.named(
+            QInputDialog(self._opening.window), "points_dialog", "How to read the points"
+        )
         dialog.setWindowTitle("Open points")
         dialog.setLabelText(said)
         if len(choices) > 1:

@@ -27,7 +27,6 @@ from shapes import icosphere
 
 from meshmash_viewer.app.dialogs.pin_dialog import PinExportDialog, nearest_vertex
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.pin_commands import vertex_menu
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import pin_at
@@ -358,16 +357,14 @@ def test_scripts_add_maps_and_pins_or_get_an_error(window: MainWindow) -> None:
         window.add_map("short", [1.0, 2.0, 3.0])
 
 
-def test_coordinates_are_copied_in_voxels_as_well(qtbot: QtBot) -> None:
+def test_coordinates_are_copied_in_voxels_as_well(window: MainWindow, qtbot: QtBot) -> None:
     ball = icosphere(3, radius=100_000.0)
     mesh = Mesh(ball.vertices + 5e6, ball.faces).in_voxels((4.0, 4.0, 40.0), "nm")
-    nothing = dict.fromkeys(("toggle", "centre", "rename", "recolor"), lambda: None)
-    parent = QWidget()
-    qtbot.addWidget(parent)
+    window.document.take_mesh(mesh)
+    window.wait()
     for vertex in (7, 300):
-        menu = vertex_menu(parent, mesh, vertex, None, None, **nothing, say=lambda _: None)
-        entries = {each.objectName(): each for each in menu.actions()}
         for name in ("menu_copy_voxels", "menu_copy_coordinates"):
-            entries[name].trigger()
+            window.commands.pins.show_menu(vertex, window.mapToGlobal(QPoint(400, 300)))
+            choose(open_menu(qtbot), name, qtbot)
             place = map(float, QApplication.clipboard().text().split(", "))
             assert nearest_vertex(mesh, *place)[0] == vertex

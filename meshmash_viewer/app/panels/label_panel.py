@@ -15,11 +15,11 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import PANEL, column, note, row, show_note, show_quietly
 from meshmash_viewer.app.dialogs.files import ask_for_maps, ask_to_save, save_labels
 from meshmash_viewer.app.listening import follow, later
+from meshmash_viewer.app.opening import ask
 from meshmash_viewer.app.panels.class_section import ClassSection
 from meshmash_viewer.app.panels.label_table import LabelTable, given_to_label
 from meshmash_viewer.app.panels.point_section import PointSection
 from meshmash_viewer.app.panels.region_table import RegionTable
-from meshmash_viewer.app.pictures import ask
 from meshmash_viewer.io.links import folder_of
 from meshmash_viewer.io.write_labels import write_regions
 from meshmash_viewer.io.writers import SPECTRUM_WRITERS
