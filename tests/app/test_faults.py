@@ -250,7 +250,7 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(
     display = shown.document.display
     for drawing in (twin, shown.scene.renderer.twin()):
         painter.start(Run(drawing, (64, 48), [Shot()], display, nullcontext(lambda *_: None)))
-    qtbot.waitUntil(lambda: not painter.busy, timeout=PATIENCE)
+        qtbot.waitUntil(lambda: not painter.busy, timeout=PATIENCE)
     assert len(failures) == 1
     assert "AttributeError" in failures[0].text
     assert drawn == [0]

@@ -218,7 +218,7 @@ class GalleryDialog(SeriesDialog):
         self.save_button.setEnabled(not saving)
 
     def _cancel(self) -> None:
-        self._painter.close()
+        self._painter.cancel()
         self._show_saving(False)
 
     def _finish(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.app.controls.number_field import NumberField, WholeField
 from meshmash_viewer.app.dialogs.files import FormatDialog
-from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog
+from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog, Sink
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
@@ -153,7 +153,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
         """Offer the columns of the displayed family, unless a movie is being made."""
         document, display = self._document, self._document.display
         if document.mesh is not self._mesh:
-            self._painter.close()
+            self._painter.cancel()
             self.reject()
             return
         family = shown_family(display)
@@ -226,7 +226,6 @@ class MovieDialog(SeriesDialog, FormatDialog):
             return
         first, display = shots[:_MEASURED], replace(self._document.display)
         sink = _estimate(self.ending, rate, len(first), len(shots))
-        self._draft_painter.stop()
         run = Run(drawing, self.frame_size, first, display, sink, picked=picked)
         self._draft_painter.start(run)
 
@@ -268,7 +267,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
     def reject(self) -> None:
         """Stop making the movie and delete its file; close if no movie is being made."""
         if self._painter.busy:
-            self._painter.close()
+            self._painter.cancel()
             self._show_saving(False)
         else:
             super().reject()
@@ -286,15 +285,12 @@ def _movie_sink(
         yield lambda _at, picture, _caption: add(picture)
 
 
-@contextmanager
-def _estimate(
-    ending: str, rate: float, count: int, of: int
-) -> Iterator[Callable[[int, Picture, Caption | None], int | None]]:
-    """Make a sink that returns the estimated size of the movie in bytes at the last picture."""
+def _estimate(ending: str, rate: float, count: int, of: int) -> Sink:
+    """Return a sink that returns the estimated size of the movie in bytes at the last picture."""
     frames = []
 
     def take(at: int, picture: Picture, _caption: Caption | None) -> int | None:
         frames.append(picture)
         return estimated_bytes(ending, frames, rate, of) if at == count - 1 else None
 
-    yield take
+    return nullcontext(take)

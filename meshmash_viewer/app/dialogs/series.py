@@ -9,10 +9,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal, Slot
+from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QDialog, QLabel, QProgressBar, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import keep_room, row, show_quietly
 from meshmash_viewer.app.controls.number_field import WholeField
@@ -27,7 +28,7 @@ from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures
 from meshmash_viewer.model.notices import Failure, failure_of
-from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.progress import CancelCallback, Cancelled
 
 #: Pixels of a picture, see `OffScreen.draw`.
 Picture: TypeAlias = npt.NDArray[np.uint8]
@@ -51,11 +52,10 @@ class Run:
     transparent: bool = False
     #: Vertices at which fields are computed, see `compute_shot`.
     picked: npt.NDArray[np.int64] | None = None
-    stopped: bool = False
 
 
 class SeriesPainter(QObject):
-    """Painter that draws series of pictures one after another.
+    """Painter that draws one series of pictures at a time.
 
     Fields are computed and files written in a thread; pictures are drawn in a child process, which
     is kept for the next series.
@@ -67,77 +67,65 @@ class SeriesPainter(QObject):
     finished = Signal()
     #: `Failure` of a series.
     failed = Signal(object)
-    _took = Signal(object, int, object)
-    _ended = Signal(object, object)
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._pool = QThreadPool(self)
-        self._pool.setMaxThreadCount(1)
-        self._runs: list[Run] = []
+        self._run: Run | None = None
         self._process = PictureProcess()
-        queued = Qt.ConnectionType.QueuedConnection
-        self._took.connect(self._say_drawn, queued)
-        self._ended.connect(self._end, queued)
+        self._thread: LatestThread[Run] = LatestThread(self._work, self._take, parent=self)
 
     @property
     def busy(self) -> bool:
         """Whether a series is being drawn."""
-        return bool(self._runs)
+        return self._run is not None
 
     def start(self, run: Run) -> None:
-        """Draw a series after all series started earlier."""
-        self._runs.append(run)
-        self._pool.start(lambda: self._work(run))
+        """Stop the current series, and draw another."""
+        self._thread.drop()
+        self._run = run
+        self._thread.ask(run)
 
     def stop(self) -> None:
-        """Stop all series; their sinks delete unfinished files."""
-        for run in self._runs:
-            run.stopped = True
-        self._runs = []
+        """Stop the series after the current picture; its sink deletes an unfinished file."""
+        self._run = None
+        self._thread.drop()
 
-    def close(self) -> None:
-        """Stop all series, end the process, and wait for the thread."""
+    def cancel(self) -> None:
+        """Stop the series and the current picture."""
         self.stop()
         self._process.close()
-        self._pool.waitForDone()
         self._process = PictureProcess()
 
-    def _work(self, run: Run) -> None:
-        live = LiveFeatures()
-        fault: Exception | None = None
-        try:
-            if run.stopped:
-                return
-            with run.sink as take:
-                for at, shot in enumerate(run.shots):
-                    field = compute_shot(shot, run.display, live, run.picked)
-                    show_shot(run.drawing, shot, field, run.display)
-                    picture = self._process.draw(run.drawing, run.size, run.transparent)
-                    if not run.stopped:
-                        self._took.emit(run, at, take(at, picture, run.drawing.caption))
-                    if run.stopped:
-                        raise Cancelled
-        except Exception as error:  # noqa: BLE001  reported by `failed`
-            fault = error
-        self._ended.emit(run, fault)
+    def close(self) -> None:
+        """Stop the series, end the process, and wait for the thread."""
+        self.stop()
+        self._process.close()
+        self._thread.close()
 
-    # -- in the interface thread --------------------------------------------------------------
+    def _work(self, run: Run, stopped: CancelCallback) -> None:
+        """Draw a series; runs in the thread."""
+        live, process = LiveFeatures(), self._process
+        with run.sink as take:
+            for at, shot in enumerate(run.shots):
+                field = compute_shot(shot, run.display, live, run.picked)
+                show_shot(run.drawing, shot, field, run.display)
+                picture = process.draw(run.drawing, run.size, run.transparent)
+                self._thread.answered.emit(run, (at, take(at, picture, run.drawing.caption)))
+                if stopped():
+                    raise Cancelled
 
-    @Slot(object, int, object)
-    def _say_drawn(self, run: Run, at: int, made: object) -> None:
-        if not run.stopped:
-            self.drawn.emit(at, made)
-
-    @Slot(object, object)
-    def _end(self, run: Run, fault: Exception | None) -> None:
-        if run.stopped:
+    def _take(self, run: Run, answer: tuple[int, Any] | Exception | None) -> None:
+        """Receive a picture, the failure of the series, or None at its end."""
+        if run is not self._run:
             return
-        self._runs.remove(run)
-        if fault is None:
+        if isinstance(answer, tuple):
+            self.drawn.emit(*answer)
+            return
+        self._run = None
+        if answer is None:
             self.finished.emit()
         else:
-            self.failed.emit(failure_of(fault, "Drawing pictures"))
+            self.failed.emit(failure_of(answer, "Drawing pictures"))
 
 
 class ColumnRange(QWidget):
