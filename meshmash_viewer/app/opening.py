@@ -178,7 +178,9 @@ class Opening(QObject):
         """List the restored items, with a button that opens the file without its session."""
         made = {
             "pin": len(self.document.pins.placed),
-            "map": self.last_session.restore_maps(self.last_session.path(path), session.kept_maps),
+            "map": self.last_session.restore_maps(
+                self.document, self.last_session.path(path), session.kept_maps
+            ),
             "map file": len(session.maps),
             "other mesh": int(bool(session.second_path)),
             "table of points": int(bool(session.points)),
@@ -318,8 +320,10 @@ class Opening(QObject):
         except InputError as fault:
             self.document.notices.say(str(fault), Severity.ERROR)
             return
-        names = restoration.kept_maps
-        restoration.restored.connect(lambda: self.last_session.restore_maps(path, names))
+        names = restoration.session.kept_maps
+        restoration.restored.connect(
+            lambda: self.last_session.restore_maps(self.document, path, names)
+        )
         self._begin(restoration)
 
     def _begin(self, restoration: Restoration) -> None:
@@ -345,7 +349,7 @@ class Opening(QObject):
             self._second_restoration = Restoration(view.document, path, restoration.second)
             file, names = restoration.path, restoration.second.kept_maps
             self._second_restoration.restored.connect(
-                lambda: self.last_session.restore_maps(file, names, second=True)
+                lambda: self.last_session.restore_maps(view.document, file, names)
             )
             self._second_restoration.begin()
         self._open_waiting()

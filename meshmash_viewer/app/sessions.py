@@ -133,9 +133,9 @@ class Restoration:
                 ) from fault
         self._operator = OperatorOptions(**session.operator)
         self._target = Target(**session.target)
-        self._document, self._session = document, session
-        #: The file of the session.
-        self.path = path
+        self._document = document
+        #: The session, and its file.
+        self.session, self.path = session, path
         self._mesh_path = Path(session.mesh_path)
         self._before = document.ready
         self._started = False
@@ -144,7 +144,7 @@ class Restoration:
 
     def begin(self) -> None:
         self._document.work.changed.connect(self._advance)
-        session = self._session
+        session = self.session
         source = session.source if self._saved_itself else ""
         self._document.open_mesh(
             self._mesh_path, session.unit, self._operator, repairs=session.repairs, source=source,
@@ -173,14 +173,14 @@ class Restoration:
             self.stop()
         else:
             document.solve.operator = self._operator
-            if self._session.target:
+            if self.session.target:
                 document.solve.target = self._target
             self.stop()
             with document.history.paused():
                 self._restore()
 
     def _restore(self) -> None:
-        document, session = self._document, self._session
+        document, session = self._document, self.session
         mesh = document.mesh
         assert mesh is not None
         if session.mesh_hash and mesh.content_hash != session.mesh_hash:
@@ -221,7 +221,7 @@ class Restoration:
 
     def _pins(self) -> tuple[Pin, ...]:
         """Return the pins of the session at existing vertices, at most one pin per vertex."""
-        session, pins = self._session, dict[int, Pin]()
+        session, pins = self.session, dict[int, Pin]()
         given = zip_longest(session.pin_numbers, session.pin_names, session.pin_colors)
         for index, about in zip_longest(session.pins, given):
             vertex = None if index is None else self._place(index)
@@ -246,21 +246,16 @@ class Restoration:
         """Return the vertex of the mesh for an index of the session; None if it does not exist."""
         mesh = self._document.mesh
         assert mesh is not None
-        if not self._session.file_indices:
+        if not self.session.file_indices:
             return index if index < mesh.n_vertices else None
         with contextlib.suppress(InputError):
             return mesh.vertex_of(index)
         return None
 
     @property
-    def kept_maps(self) -> list[str]:
-        """Names of the files next to the session that contain the unsaved maps."""
-        return self._session.kept_maps
-
-    @property
     def second(self) -> Session | None:
         """The session of the second mesh, or None."""
-        session = self._session
+        session = self.session
         if not session.second_path:
             return None
         return Session(

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from PySide6.QtCore import QByteArray, QObject, QSettings, Qt, QThreadPool, QTimer, Signal
 
@@ -137,9 +137,6 @@ _PAUSE = 300
 #: Number of mesh files whose sessions are kept.
 _KEPT = 200
 
-#: Unsaved maps, as last written next to the session, by the name of their file.
-_Kept: TypeAlias = dict[str, VertexMap]
-
 
 class LastSession(QObject):
     """Automatic storage of the session of a document's mesh file after every change.
@@ -163,9 +160,9 @@ class LastSession(QObject):
     ) -> None:
         super().__init__(parent)
         self._document, self._folder, self._look = document, folder, look
-        self._kept: _Kept = {}
         self._second: Document | None = None
-        self._kept_of_second: _Kept = {}
+        #: Unsaved maps of each document, as last written, by the name of their file.
+        self._kept: dict[Document, dict[str, VertexMap]] = {document: {}}
         #: File of the second mesh, and its session as last read or written.
         self._known_of_second: tuple[Path, Session | None] = Path(), None
         self._pool = QThreadPool(self, maxThreadCount=1)
@@ -192,9 +189,11 @@ class LastSession(QObject):
     def watch(self, document: Document | None) -> None:
         """Also save unit, repairs and unsaved maps of a second document; None ends the saving."""
         self._save_second()
-        self._second, self._kept_of_second = document, {}
-        self._known_of_second = Path(), None
+        if self._second is not None:
+            del self._kept[self._second]
+        self._second, self._known_of_second = document, (Path(), None)
         if document is not None:
+            self._kept[document] = {}
             listen(document.mesh_changed, self._save_second)
             listen(document.history.changed, self.changed)
 
@@ -235,8 +234,9 @@ class LastSession(QObject):
         camera, pair = self._look()
         if not camera:  # without a render, the stored session has not been restored yet
             return
-        maps = self._new_maps(document, self._kept)
-        session = replace(session_of(document, camera, pair), kept_maps=list(self._kept))
+        maps = self._new_maps(document)
+        session = session_of(document, camera, pair)
+        session = replace(session, kept_maps=list(self._kept[document]))
         self._pool.start(lambda: self._write(path, session, maps))
 
     def close(self) -> None:
@@ -250,13 +250,11 @@ class LastSession(QObject):
         self._pool.waitForDone()
         _delete(self.path(mesh_path))
 
-    def restore_maps(self, session: Path, names: Sequence[str], *, second: bool = False) -> int:
-        """Add the maps in files next to a session to a mesh; return the number of maps."""
-        document = self._second if second else self._document
-        kept = self._kept_of_second if second else self._kept
-        if document is None or document.mesh is None or document.path is None or not names:
+    def restore_maps(self, document: Document, session: Path, names: Sequence[str]) -> int:
+        """Add the maps in files next to a session to a document; return the number of maps."""
+        mesh, kept = document.mesh, self._kept.get(document)
+        if kept is None or mesh is None or document.path is None or not names:
             return 0
-        mesh = document.mesh
         self._pool.waitForDone()
         found: list[KeptMaps] = []
         for file in (session.with_name(Path(name).name) for name in names):
@@ -293,7 +291,7 @@ class LastSession(QObject):
 
     def _save_second(self) -> None:
         """Write the session of the second mesh; at the first call, restore its unsaved maps."""
-        document, kept = self._second, self._kept_of_second
+        document = self._second
         if document is None or document.path is None or document.mesh is None:
             return
         path, known = self._known_of_second
@@ -301,20 +299,21 @@ class LastSession(QObject):
             known = self.stored(document.path)
             self._known_of_second = document.path, known
             names = [] if known is None else known.kept_maps
-            self.restore_maps(self.path(document.path), names, second=True)
-        now, maps = session_of(document, {}, None), self._new_maps(document, kept)
+            self.restore_maps(document, self.path(document.path), names)
+        now, maps = session_of(document, {}, None), self._new_maps(document)
         if known is not None:
             now = replace(known, unit=now.unit, repairs=now.repairs, source=now.source)
-        now = replace(now, kept_maps=list(kept))
+        now = replace(now, kept_maps=list(self._kept[document]))
         if now != known:
             self._known_of_second = document.path, now
             file = self.path(document.path)
             self._pool.start(lambda: self._write(file, now, maps))
 
-    def _new_maps(self, document: Document, kept: _Kept) -> dict[str, KeptMaps]:
-        """Return the maps that must be written, by the names of their new files; update `kept`."""
+    def _new_maps(self, document: Document) -> dict[str, KeptMaps]:
+        """Return the maps that must be written, by the names of their new files."""
         assert document.path is not None
-        key, unsaved = _key(self.path(document.path)), document.maps.unsaved
+        kept, unsaved = self._kept[document], document.maps.unsaved
+        key = _key(self.path(document.path))
         maps: dict[str, VertexMap] = {}
         new: dict[str, KeptMaps] = {}
         for each in unsaved.maps:
@@ -325,8 +324,7 @@ class LastSession(QObject):
                 edited = [name for name in unsaved.edited if name == each.name]
                 new[file] = KeptMaps((each,), unsaved.mesh, edited)
             maps[file] = each
-        kept.clear()
-        kept.update(maps)
+        self._kept[document] = maps
         return new
 
     def _write(self, path: Path, session: Session, maps: dict[str, KeptMaps]) -> None:
@@ -341,7 +339,7 @@ class LastSession(QObject):
             self._failed.emit(str(fault))
 
     def _say_failed(self, fault: str) -> None:
-        self._kept, self._kept_of_second = {}, {}  # all maps are written at the next attempt
+        self._kept = {document: {} for document in self._kept}  # write all maps at the next attempt
         text = f"The session of this mesh (pins, maps, settings) could not be saved: {fault}"
         self._document.notices.say(text, Severity.WARNING)
 
