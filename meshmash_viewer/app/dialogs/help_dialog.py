@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from PySide6.QtCore import (
     QEvent,
@@ -34,7 +35,6 @@ from PySide6.QtWidgets import (
     QMainWindow,
     QMessageBox,
     QStyledItemDelegate,
-    QStyleOptionViewItem,
     QTextBrowser,
     QTreeWidget,
     QTreeWidgetItem,
@@ -56,7 +56,7 @@ from meshmash_viewer.io.atomic import page_file
 from meshmash_viewer.model.notices import versions
 
 #: Column with the description of commands, and the width of its margins in pixels.
-_TEXT, _SIDES = 2, 20
+_TEXT, _SIDES = 2, 12
 
 _WHAT = (
     "Laplacian eigenfunctions, heat kernel signatures and spectral bands of triangle meshes, live "
@@ -133,17 +133,12 @@ class HelpDialog(QDialog):
 
 
 class _Wrapped(QStyledItemDelegate):
-    """Delegate that makes rows as tall as their wrapped text; Qt's tree widget does not."""
+    """Delegate that passes the width of the column on; Qt's trees do not, and wrap no text."""
 
-    def sizeHint(
-        self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
-    ) -> QSize:
-        hint, view = super().sizeHint(option, index), self.parent()
-        assert isinstance(view, QTreeWidget)
-        metrics, text = view.fontMetrics(), str(index.data() or "")
-        room = QRect(0, 0, view.columnWidth(index.column()) - _SIDES, 1000)
-        wrapped = metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, text).height()
-        return QSize(hint.width(), hint.height() + max(wrapped - metrics.height(), 0))
+    def sizeHint(self, option: Any, index: QModelIndex | QPersistentModelIndex) -> QSize:
+        view: Any = self.parent()
+        option.rect = QRect(0, 0, view.columnWidth(index.column()) - _SIDES, 1000)
+        return super().sizeHint(option, index)
 
 
 class AboutDialog(QMessageBox):
