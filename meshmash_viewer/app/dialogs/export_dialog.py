@@ -173,19 +173,15 @@ class ExportDialog(SaveDialog):
     def format(self) -> Format:
         return FORMATS[max(self.table.currentRow(), 0)]
 
-    @property
-    def _maps_alone(self) -> bool:
-        return self.kind == _MAPS
-
     def job(self) -> ExportJob:
-        mesh = self._mesh
-        if self._maps_alone:
+        mesh, family = self._mesh, self._family(self._used())
+        if family is None:
             mesh = mesh.with_only_maps(*self._chosen_maps())
         return ExportJob(
             mesh,
             self._spectrum.operator or self._document.solve.operator,
             self.path,
-            None if self._maps_alone else self._family(self._used()),
+            family,
             min(self.pairs_spin.value(), len(self._spectrum)),
             self._document.solve.target,
             self._document.repairs,
@@ -200,13 +196,15 @@ class ExportDialog(SaveDialog):
         shown = () if self._shown is None else (self._shown,)
         return named_apart((*shown, *(others if self.maps_check.isChecked() else ())))
 
-    def _chosen(self) -> Family:
-        """Return the family to export, with its parameters in the window."""
-        return configured(self._document, EXPORTS[self.kind])
+    def _chosen(self) -> Family | None:
+        """Return the family to export, with its parameters in the window; None for maps."""
+        return None if self.kind == _MAPS else configured(self._document, EXPORTS[self.kind])
 
-    def _family(self, used: Eigenpairs) -> Family:
+    def _family(self, used: Eigenpairs) -> Family | None:
         """Return the family with its ranges resolved for the chosen number of eigenpairs."""
         chosen = self._chosen()
+        if chosen is None:
+            return None
         if chosen.counted:
             chosen = replace(chosen, **{chosen.counted: self.count_spin.value()})
         return chosen.resolved(used, self._document.display.fields)
@@ -253,11 +251,10 @@ class ExportDialog(SaveDialog):
 
     def _holds(self, chosen: Format) -> bool:
         """Return whether a format can hold the columns; only two formats hold eigenpairs."""
-        features = self._maps_alone or self._chosen().makes_features()
-        return features or chosen.ending in EIGENPAIR_WRITERS
+        return self._output == "features" or chosen.ending in EIGENPAIR_WRITERS
 
     def _change_kind(self) -> None:
-        chosen = None if self._maps_alone else self._chosen()
+        chosen = self._chosen()
         features = chosen is None or chosen.makes_features()
         counted_by = "" if chosen is None else chosen.counted
         self._output = "features" if features else "eigenpairs"
@@ -326,12 +323,12 @@ class ExportDialog(SaveDialog):
     def _columns(self) -> tuple[list[str], str]:
         """Return the names of the columns in the file, and a sentence about them."""
         self._missing = ""
-        if self._maps_alone:
+        used, unit = self._used(), self._mesh.unit
+        family = self._family(used)
+        if family is None:
             maps = [each.name for each in self._chosen_maps()]
             about = "The field is still being computed, or approximate: wait for the exact field."
             return maps, "" if maps else about
-        used, unit = self._used(), self._mesh.unit
-        family = self._family(used)
         columns, about = family.exported_columns(used, unit)
         names = list(columns)
         if not family.makes_features():
@@ -348,8 +345,8 @@ class ExportDialog(SaveDialog):
         return names, f"{about} Values in {values}.".lstrip() if values else about
 
     def _remark(self) -> str:
-        partial = ""
-        if not (self._maps_alone or self._spectrum.complete) and self._chosen().of_pairs:
+        chosen, partial = self._chosen(), ""
+        if chosen is not None and chosen.of_pairs and not self._spectrum.complete:
             partial = "The decomposition is not complete: the file will say so."
         return " ".join(filter(None, (self._missing, partial, super()._remark())))
 
