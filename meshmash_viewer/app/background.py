@@ -458,16 +458,13 @@ class Tasks(QObject):
         self._end(notice_of(failure))
 
     def _on_cancelled(self, _: None) -> None:
-        job = self.job
-        replaced = bool(self._queue)
-        if replaced or job is None:
+        job, spectrum = self.job, self._document.spectrum
+        if self._queue or job is None:  # another job replaces this one
             self._end()
-        elif isinstance(job, DecomposeJob):
-            spectrum = self._document.spectrum
-            known = 0 if spectrum is None else len(spectrum.exact)
-            kept = (
-                f"; {counted(known, 'eigenpair')} that converged before are kept" if known else ""
-            )
-            self._end(Notice(f"Cancelled{kept or ' before any eigenpair converged'}."))
-        else:
+        elif not isinstance(job, DecomposeJob):
             self._end(Notice(f"Cancelled: {job.label}."))
+        elif spectrum is None or not len(spectrum.exact):
+            self._end(Notice("Cancelled before any eigenpair converged."))
+        else:
+            kept = counted(len(spectrum.exact), "eigenpair")
+            self._end(Notice(f"Cancelled; {kept} that converged before are kept."))
