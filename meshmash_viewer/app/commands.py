@@ -22,7 +22,7 @@ from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
 from meshmash_viewer.fields.table import FAR
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import request_of, step
-from meshmash_viewer.model.notices import Failure, Severity, notice_of
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral import cost
 from meshmash_viewer.vertex_map import VertexMap
@@ -232,9 +232,6 @@ class Commands:
         self._background_io.run(
             f"Writing {path.name}", work, lambda _: say_saved(self._document, written, path)
         )
-
-    def say_failed(self, failure: Failure) -> None:
-        self._document.notices.show(notice_of(failure))
 
     def copy_script(self) -> None:
         script = reproduction_script(self._document, self._opening.pair, self._exported)

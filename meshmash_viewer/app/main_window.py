@@ -214,7 +214,6 @@ class MainWindow(ScriptedWindow):
         self._field_wheel.watch(self)
         self.shape_source = ShapeSource(self.document, self)
         self.shape_source.shape_ready.connect(self._show_shape)
-        self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_panel.save_requested.connect(self.commands.save_shape)
         self.mesh_panel.health.scene = self.label_panel.scene = self.scene
         for panel in (self.label_panel, self.pair_panel):

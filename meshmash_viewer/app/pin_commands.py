@@ -63,7 +63,7 @@ class PinCommands:
         scene.menu_requested.connect(self.show_menu)
         panel.pin_pointed.connect(scene.point_at)
         panel.pin_activated.connect(self.fly_to)
-        panel.menu_requested.connect(self.show_list_menu)
+        panel.menu_requested.connect(partial(self.show_menu, elsewhere=_IN_LISTS))
         panel.table.renamed.connect(self.rename)
 
     # -- commands -----------------------------------------------------------------------------
@@ -247,10 +247,6 @@ class PinCommands:
             toggle = document.pins.toggle
             menu = self._vertex_menu(document, vertex, field, vertex, toggle, self.fly_to)
         _open(menu, place)
-
-    def show_list_menu(self, vertex: int, place: QPoint) -> None:
-        """Show the menu of a pin in the table of pins, or for -1 the menu of the table."""
-        self.show_menu(vertex, place, _IN_LISTS)
 
     def show_second_menu(self, second: SecondView, vertex: int, place: QPoint) -> None:
         """Show the menu of a vertex of the second mesh."""

@@ -22,7 +22,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FEWEST_PAIRS, Shape
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.notices import failure_of
+from meshmash_viewer.model.notices import failure_of, notice_of
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
@@ -91,11 +91,10 @@ class ShapeSource(QObject):
     """Source of the displayed shape of a document, computed in a thread.
 
     `shape_ready` is emitted with each `DrawnShape`, including partial sums; only the latest request
-    is completed. `failed` is emitted with a `Failure`.
+    is completed. A failure is shown as a notice.
     """
 
     shape_ready = Signal(object)
-    failed = Signal(object)
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -223,7 +222,8 @@ class ShapeSource(QObject):
         if latest is None:
             return
         if isinstance(answer, Exception):
-            self.failed.emit(failure_of(answer, "Rebuilding the shape"))
+            failure = failure_of(answer, "Rebuilding the shape")
+            self._document.notices.show(notice_of(failure))
             return
         same = answer.spectrum is latest.spectrum
         if not same or latest.shape.shown != request.shape.shown:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -52,15 +52,15 @@ class SheetDialog(FormatDialog):
     `path` is the suggested file without its ending, `before` are the initial options.
     """
 
+    formats: ClassVar = {".png": _FORMATS[".png"]}
+
     def __init__(
         self,
         path: Path,
         parent: QWidget | None = None,
         before: FigureOptions | None = None,
-        formats: Mapping[str, str] | None = None,
     ) -> None:
-        formats = formats or {".png": _FORMATS[".png"]}
-        super().__init__("figure", "Save picture", path, formats, parent)
+        super().__init__("figure", "Save picture", path, self.formats, parent)
         before = before or FigureOptions()
         self.width_combo = make.combo(
             "figure_width_combo", "Usual widths of pictures", self._take_width, _WIDTHS
@@ -150,6 +150,8 @@ class FigureDialog(SheetDialog):
     quickly. Call `look` when its result may have changed.
     """
 
+    formats = _FORMATS
+
     def __init__(
         self,
         path: Path,
@@ -160,7 +162,7 @@ class FigureDialog(SheetDialog):
         self._seen = seen
         #: The panels of the preview; empty until the renders have been drawn.
         self.panels: Sequence[Panel] = ()
-        super().__init__(path, parent, before, _FORMATS)
+        super().__init__(path, parent, before)
         self._painter: LatestThread[_Preview] = LatestThread(_drawn, self._take, parent=self)
 
     def _build(self, before: FigureOptions) -> None:

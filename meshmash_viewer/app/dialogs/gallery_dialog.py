@@ -52,12 +52,12 @@ class GalleryDialog(SeriesDialog):
         self._families: list[Family] = []
         self._build()
         events = document.display.events
-        for signal in (
+        signals = (
             events.kind, events.fields, events.policies, events.diverging_colormap,
             events.sequential_colormap, events.nodal_lines, document.spectrum_changed,
             document.mesh_changed, document.pins.changed,
-        ):  # fmt: skip
-            follow(signal, self._refresh)
+        )  # fmt: skip
+        follow(signals, self._refresh)
         theme.notifier().changed.connect(self._draw_draft)
         self._refresh()
 
