@@ -133,7 +133,7 @@ class HelpDialog(QDialog):
 
 
 class _Wrapped(QStyledItemDelegate):
-    """Delegate that passes the width of the column on; Qt's trees do not, and wrap no text."""
+    """Delegate that computes row heights for the width of the column, which Qt's trees ignore."""
 
     def sizeHint(self, option: Any, index: QModelIndex | QPersistentModelIndex) -> QSize:
         view: Any = self.parent()
