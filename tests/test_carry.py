@@ -64,6 +64,18 @@ def test_labels_and_maps_of_one_mesh_are_carried_to_others(
     assert np.mean((carried.values == named["bump"][0])[there] == (parts(first) == 1)) > 0.95
 
 
+def test_the_remedy_of_an_ambiguous_match_is_one_of_the_command_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    sphere = shapes.icosphere(2)
+    write_mesh("S.ply", mv.Mesh(sphere.vertices * [1.0, 1.3, 1.7], sphere.faces))
+    write_mesh("T.ply", shapes.icosphere(1))
+    arguments = ["carry", "S.ply", "T.ply", "--map", "S.npy", "-o", "s.csv", "--count", "30"]
+    np.save("S.npy", np.arange(162.0))
+    assert main(arguments) == 0
+    assert "match them in the window, with pins on both" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -63,7 +63,12 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
             "same_vertices": matched.given,
             "mutual_share": matched.mutual_share,
             "median_score": float(np.nanmedian(matched.forth.scores)),
-            "remarks": comparison_remarks(mesh, first, found=matched)
+            "remarks": comparison_remarks(
+                mesh,
+                first,
+                found=matched,
+                set_landmarks="match them in the window, with pins on both",
+            )
             + output_remarks(outputs[at], mesh),
         }
         mutual = f"{format_share(matched.mutual_share)} of the vertices matched mutually"

@@ -61,8 +61,8 @@ def read_off(path: Path) -> RawMesh:
         raise InputError("is a binary OFF file, of which only the text kind can be read")
     if b"4" in header[1] or header[1].endswith(b"nOFF"):
         raise InputError(
-            f"is an OFF file of another dimension ({header[1].decode()}), of which only three can"
-            " be read"
+            f"is an OFF file of another dimension ({header[1].decode()}): only vertices with three"
+            " coordinates can be read"
         )
     try:
         numbers, counts = parse_rows(data[header.end() :], np.float64)
