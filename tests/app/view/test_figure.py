@@ -15,6 +15,7 @@ from PySide6.QtGui import QImage, QPainter
 from PySide6.QtSvg import QSvgRenderer
 from tiers import slow
 
+from meshmash_viewer.app.view.caption import PointLegend
 from meshmash_viewer.app.view.figure import (
     FigureOptions,
     compose,
@@ -186,6 +187,19 @@ def test_one_colour_bar_serves_two_meshes_with_the_same_colours(qapp) -> None:
     bars, beside = found(20.0, 20.0, plain=True)
     assert bars == 1
     assert beside < 0.95 * wide, "the bar of the first has its room there"
+
+
+def test_a_legend_of_points_is_on_the_page_above_the_bar(qapp) -> None:
+    panel = seen_of(drawing())
+    rows = ("#d5530b", "excitatory"), ("#1b7a4b", "inhibitory")
+    around = replace(panel.around, legend=PointLegend("type", rows))
+    figure = compose([replace(panel, around=around)], FigureOptions(width_mm=85.0, dpi=100))
+    boxes = {text.get_text(): text.get_window_extent() for text in figure.texts}
+    (image,) = (axes.get_window_extent() for axes in figure.axes if axes.images)
+    for name in ("type", "excitatory", "inhibitory"):
+        assert image.x1 <= boxes[name].x0 < boxes[name].x1 <= figure.bbox.x1
+        others = [box for text, box in boxes.items() if text not in (name, "")]
+        assert not any(boxes[name].overlaps(other) for other in others)
 
 
 def test_a_view_of_a_part_is_as_wide_as_on_the_screen(qapp) -> None:
