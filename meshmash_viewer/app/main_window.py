@@ -362,7 +362,7 @@ class MainWindow(ScriptedWindow):
         if self.loaded:
             self.scene.set_theme(theme.is_dark())
             if self.opening.second_view is not None:
-                self.opening.second_view.scene.set_theme(theme.is_dark())
+                self.opening.second_view.dress()
 
     def say_refusal(self, sentence: str) -> None:
         """Show why an input field rejects its text, or remove the message for ""."""

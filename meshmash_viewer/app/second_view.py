@@ -61,14 +61,20 @@ class SecondView(QWidget):
         self._thread = LatestThread(ComparisonRequest.answered, self._accept, parent=self)
         self._build()
         self._connect()
-        self.scene.set_theme(theme.is_dark())
+        self.dress()
 
     def _build(self) -> None:
         self.status_label = theme.named(HeadLabel(), "second_label", "Second mesh, and its state")
         text = "Close the second mesh"
-        close = make.icon_button("second_close_button", text, self.close_requested, tip=text)
-        close.setIcon(QIcon(theme.pixmap("close", theme.palette().muted, 12)))
-        self.setLayout(column(render_head(self.status_label, close), (self.scene,), spacing=0))
+        self._close = make.icon_button("second_close_button", text, self.close_requested, tip=text)
+        self.setLayout(
+            column(render_head(self.status_label, self._close), (self.scene,), spacing=0)
+        )
+
+    def dress(self) -> None:
+        """Use the colours of the current theme."""
+        self._close.setIcon(QIcon(theme.pixmap("close", theme.palette().muted, 12)))
+        self.scene.set_theme(theme.is_dark())
 
     def _connect(self) -> None:
         document, pair = self.document, self.pair

@@ -29,10 +29,12 @@ from PySide6.QtWidgets import (
     QMenu,
     QPushButton,
     QScrollArea,
+    QToolButton,
     QWidget,
 )
 
 import meshmash_viewer as mv
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.listening import catch_up
@@ -193,6 +195,23 @@ def test_the_colours_of_the_first_are_kept_on_the_second(
     (kept,) = pair.second.mesh.maps
     np.testing.assert_array_equal(kept.values, field.values[pair.comparison.back.indices])
     assert kept.name.startswith(field.title)
+
+
+@pytest.mark.slow
+def test_the_close_button_of_the_second_follows_the_theme(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    beside(window, folder / "copy.npz", monkeypatch)
+    names = ("second_close_button", "mesh_dock_close")
+    buttons = [part(window, QToolButton, name) for name in names]
+    seen = []
+    for mode in (theme.Mode.DARK, theme.Mode.LIGHT):
+        theme.set_mode(mode)
+        icon, of_dock = (button.icon().pixmap(12).toImage() for button in buttons)
+        assert icon == of_dock
+        seen.append(icon)
+    assert seen[0] != seen[1]
+    theme.set_mode(theme.Mode.SYSTEM)
 
 
 @pytest.mark.slow
