@@ -242,37 +242,31 @@ def functional_map(
     if bank is None:
         bank = wave_kernel_bank(shapes[0].eigenvalues, _ENERGIES)
     top, step = shapes[0].eigenvalues[-1], max(bank.n_filters // _PRODUCTS, 1)
-    columns = []
-    for shape, pairs, points in zip(
-        shapes, (first, second), _checked(landmarks, first, second), strict=True
-    ):
+    descriptors, products, orientations = [], [], []
+    for shape, points in zip(shapes, _checked(landmarks, first, second), strict=True):
         heights = bank(np.minimum(shape.eigenvalues, top))
-        features = accumulate_features(pairs.rows[:known], heights)[shape.vertices]
+        features = accumulate_features(shape.functions.T, heights)
         # kernels of some filters, centred at each landmark
         around = shape.functions[np.searchsorted(shape.vertices, points)]
         kernels = shape.functions @ (heights[::step] * around[:, None]).reshape(-1, known).T
         joined = np.hstack([features, kernels])
         norms = np.sqrt(np.square(joined).T @ shape.mass)
-        columns.append(joined / np.where(norms > 0.0, norms, 1.0))
-    mine, other = (
-        shape.coefficients(features, count) for shape, features in zip(shapes, columns, strict=True)
-    )
+        joined /= np.where(norms > 0.0, norms, 1.0)
+        descriptors.append(shape.coefficients(joined, count))
+        some = joined[:, ::step].T
+        products.append(np.stack([shape.product(each, count) for each in some]))
+        orientations.append(np.stack([shape.orientation(each, count) for each in some]))
+    mine, other = descriptors
     # normal equations for the entries of C, row by row
     normal = np.kron(np.eye(count), other @ other.T)
     gaps = np.square(np.subtract.outer(*(shape.eigenvalues[:count] for shape in shapes)))
     normal[np.diag_indices(count * count)] += _LAPLACIANS * (gaps / gaps.max()).ravel()
-    used = [(shape, each[:, ::step].T) for shape, each in zip(shapes, columns, strict=True)]
-    squares, mixed = _commutators(
-        *(np.stack([shape.product(each, count) for each in some]) for shape, some in used)
-    )
+    squares, mixed = _commutators(*products)
     normal += squares - mixed
-    if meshes is not None:
-        squares, mixed = _commutators(
-            *(np.stack([shape.orientation(each, count) for each in some]) for shape, some in used)
-        )
-        normal += squares
+    squares, mixed = _commutators(*orientations)  # zero without meshes
+    normal += squares
     wanted, found = (mine @ other.T).ravel(), []
-    for side in (0.0,) if meshes is None else (1.0, -1.0):
+    for side in (1.0,) if meshes is None else (1.0, -1.0):
         matrix = normal - side * mixed
         # QR with pivoting: products of a symmetric shape may leave some entries undetermined
         entries = scipy.linalg.lstsq(matrix, wanted, lapack_driver="gelsy")[0]

@@ -106,7 +106,7 @@ class ClassModel:
         """
         columns, edge = self.columns, self.columns.edge(mesh)
         trained = [each["median_edge"] for each in self.meshes if "median_edge" in each]
-        low, high = (min(trained), max(trained)) if trained else (0.0, 0.0)
+        low, high = min(trained, default=0.0), max(trained, default=0.0)
         if low / _SIMILAR <= edge <= high * _SIMILAR or self._trained_on(mesh):
             return ""
         names, unresolved = columns.names, columns.unresolved(max(edge, high))

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -30,8 +30,7 @@ from meshmash_viewer.fields.parameter import (
 )
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.learn import CLASSIFIERS, KINDS, Classifier
-from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.jobs import Work, heard_warnings
+from meshmash_viewer.model.jobs import MeshJob, Work, heard_warnings
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notices, Severity
@@ -121,21 +120,18 @@ class Classified:
 
 
 @dataclass(frozen=True, eq=False)
-class ClassesJob:
+class ClassesJob(MeshJob):
     """Job that trains on a label set and predicts all vertices; returns `Classified`.
 
     `live` is True if a change of the labels requested the job, not the user.
     """
 
-    mesh: Mesh
     labels: VertexMap
     pairs: Eigenpairs
     options: ClassOptions
     live: bool = False
 
-    @property
-    def label(self) -> str:
-        return f"Classifying {self.mesh.name or 'the mesh'}"
+    doing: ClassVar[str] = "Classifying"
 
     def run(self, channel: Channel) -> Classified:
         from meshmash_viewer.learn.classes import predict_classes, train_classes

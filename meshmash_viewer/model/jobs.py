@@ -80,7 +80,7 @@ class ReadJob:
 
 
 @dataclass(frozen=True, eq=False)
-class _OnMesh:
+class MeshJob:
     """Base of the jobs on a mesh in memory."""
 
     mesh: Mesh
@@ -92,7 +92,7 @@ class _OnMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class InspectJob(_OnMesh):
+class InspectJob(MeshJob):
     """Job that inspects a mesh passed in memory; returns `MeshReady`."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
@@ -104,7 +104,7 @@ class InspectJob(_OnMesh):
 
 
 @dataclass(frozen=True, eq=False)
-class RegionsJob(_OnMesh):
+class RegionsJob(MeshJob):
     """Job that measures the regions of a label set, see `regions`; returns `RegionsReady`."""
 
     labels: VertexMap
@@ -131,7 +131,7 @@ class RegionsJob(_OnMesh):
 
 
 @dataclass(frozen=True, eq=False)
-class ScaleJob(_OnMesh):
+class ScaleJob(MeshJob):
     """Job that changes the voxel size with `Mesh.in_voxels`; returns `MeshReady`.
 
     `repairs` are the repairs already made on `mesh`.
@@ -152,7 +152,7 @@ class ScaleJob(_OnMesh):
 
 
 @dataclass(frozen=True, eq=False)
-class RepairJob(_OnMesh):
+class RepairJob(MeshJob):
     """Job that applies one repair of `health.REPAIRS` after `earlier` ones; returns `MeshReady`."""
 
     repair: str
@@ -173,7 +173,7 @@ class RepairJob(_OnMesh):
 
 
 @dataclass(frozen=True, eq=False)
-class PartJob(_OnMesh):
+class PartJob(MeshJob):
     """Job that looks up eigenpairs on a mask of a mesh, or on the whole; returns `PartReady`."""
 
     #: Shape (n,); None for the whole mesh.
@@ -192,7 +192,7 @@ class PartJob(_OnMesh):
 
 
 @dataclass(frozen=True, eq=False)
-class PreviewJob(_OnMesh):
+class PreviewJob(MeshJob):
     """Job that approximates the first eigenfunctions; returns `Eigenpairs` or None in seconds."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
@@ -206,7 +206,7 @@ class PreviewJob(_OnMesh):
 
 
 @dataclass(frozen=True, eq=False)
-class DecomposeJob(_OnMesh):
+class DecomposeJob(MeshJob):
     """Job that computes and stores eigenpairs; sends and returns `Eigenpairs`, see `decompose`."""
 
     operator: OperatorOptions
