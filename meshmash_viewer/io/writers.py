@@ -122,10 +122,8 @@ def _ply(path: Path, table: FeatureTable) -> None:
     ]
     if table.repaired:
         columns.append(("vertex", "int", table.mesh.file_indices))
-    kind, names = (
-        "int" if table.values.dtype.kind == "i" else "float",
-        property_names(table.columns),
-    )
+    kind = "int" if table.values.dtype.kind == "i" else "float"
+    names = property_names(table.columns)
     columns += [(name, kind, each) for name, each in zip(names, table.values.T, strict=True)]
     records = np.empty(table.mesh.n_vertices, [(name, types[kind]) for name, kind, _ in columns])
     for name, _, each in columns:
