@@ -83,6 +83,9 @@ _LARGEST = 1e300
 #: Number of samples of a formula beyond the last eigenvalue, and the value that replaces NaN and
 #: infinity.
 _PLACES, _ANYTHING = 2048, 1e200
+#: Number of halvings of λ in the search for a limit at 0, and the relative difference of three
+#: successive estimates of a limit.
+_HALVINGS, _ALIKE = 64, 1e-7
 #: Possible units of a parameter as powers of length, the most likely first.
 _POWERS = (0, 2, -2, 1, -1, 4, -4)
 #: Share of samples at which a formula has to be invariant to a change of the unit; less than 1,
@@ -156,8 +159,10 @@ class Formula:
     def __call__(self, eigenvalues: npt.ArrayLike, **values: float) -> FloatArray:
         """Compute the filter at eigenvalues of shape (k,), with `values` of its parameters: (k,).
 
+        Where the formula has no value at λ = 0, such as ``sin(x)/x``, its limit is taken.
+
         `InputError` is raised if the names of `values` are not those of the parameters, or if the
-        filter is negative or not finite at an eigenvalue.
+        filter is not finite at an eigenvalue.
         """
         spectrum = as_spectrum(eigenvalues)
         # eigenvalues that are zero within rounding are set to 0, where 1 / x is infinite
@@ -165,13 +170,29 @@ class Formula:
         spectrum = np.where(zero, 0.0, spectrum)
         self._check_names(values)
         found = self.sampled(spectrum, values)
-        wrong = np.flatnonzero(~(np.isfinite(found) & (found >= 0.0)))
+        if (zero & ~np.isfinite(found)).any():
+            found[zero] = self._limit(spectrum[~zero].min(initial=1.0), values, found[zero][0])
+        wrong = np.flatnonzero(~np.isfinite(found))
         if len(wrong):
-            first = wrong[0]
-            if not np.isfinite(found[first]):  # prefer λ > 0; λ = 0 has another remedy
-                first = wrong[np.argmax(spectrum[wrong] > 0.0)]
+            first = wrong[np.argmax(spectrum[wrong] > 0.0)]  # λ = 0 has another remedy
             raise InputError(self._complaint(spectrum[first], found[first]))
         return found
+
+    def _limit(self, start: float, values: Mapping[str, float], otherwise: float) -> float:
+        """Return the limit at λ = 0 from values at `start` / 2, / 4 …; `otherwise` without one."""
+        halves = self.sampled(start * 0.5 ** np.arange(1.0, _HALVINGS), values)
+        with np.errstate(all="ignore"):
+            straight = 2.0 * halves[1:] - halves[:-1]  # exact where the formula is linear
+            most = np.maximum.accumulate(np.abs(halves))[2:]
+            alike = np.abs(np.diff(straight)) <= _ALIKE * most
+        runs = alike[2:] & alike[1:-1] & alike[:-2]
+        return float(straight[np.argmax(runs) + 3]) if runs.any() else otherwise
+
+    @cached_property
+    def signed(self) -> bool:
+        """Whether the formula is negative at some λ, with parameters near 1."""
+        values = {name: 1.0 + 0.37 * place for place, name in enumerate(self.parameters)}
+        return bool((self.sampled(np.geomspace(1e-30, 1e30, 20 * _PLACES), values) < 0.0).any())
 
     @property
     def powers(self) -> dict[str, int]:
@@ -202,11 +223,6 @@ class Formula:
 
     def _complaint(self, eigenvalue: float, value: float) -> str:
         at = f"at λ = {eigenvalue:.4g}"
-        if np.isfinite(value):
-            return (
-                f"The formula is {value:.4g} {at}, but must not be negative: write"
-                " maximum(0, …) around it."
-            )
         what = "not a number" if np.isnan(value) else "infinite"
         if eigenvalue == 0.0:
             return f"The formula is {what} {at}: write where(x > 0, …, 0) around it."

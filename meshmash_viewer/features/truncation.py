@@ -271,7 +271,7 @@ def mean_shares(
     start = max(float(eigenvalues[-1]) * (1.0 - _COPIES), known_to or 0.0)
     end = start + weyl_eigenvalue(area, n_left)
     missing = weyl_count(area, 1.0) * tail.integral(start, np.array([end]))[0]
-    whole = bank.response(eigenvalues).sum(axis=1) + missing
+    whole = np.abs(bank.response(eigenvalues)).sum(axis=1) + missing
     shares: FloatArray = np.divide(missing, whole, out=np.zeros(len(whole)), where=whole > 0.0)
     return shares
 

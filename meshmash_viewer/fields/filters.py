@@ -126,6 +126,10 @@ class Filters(BankFamily):
         return _formula(self.text)
 
     @property
+    def signed(self) -> bool:
+        return self.formula.signed
+
+    @property
     def first(self) -> str:
         """Name of the first parameter, which steps vary; "" if there is none."""
         return next(iter(self.formula.parameters), "")
@@ -252,10 +256,10 @@ class Filters(BankFamily):
         at_edges = [edge * side for _, edge in edges for side in (1.0 - 1e-9, 1.0 + 1e-9)]
         along = np.sort(np.concatenate([along, at_edges]))
         heights = self.formula.sampled(along, self.all_values(spectrum))
-        highest = float(np.max(heights, initial=0.0, where=np.isfinite(heights)))
+        highest = float(np.max(np.abs(heights), initial=0.0, where=np.isfinite(heights)))
         if highest > 1.0:  # the axis ends at 1
             heights, legend = heights / highest, f"{legend}, ÷ {format_number(highest)}"
-        curve = along, np.where(np.isfinite(heights), np.maximum(heights, 0.0), np.nan)
+        curve = along, np.where(np.isfinite(heights), heights, np.nan)
         if len(edges) == 2:
             (_, low), (_, high) = edges
             return Response(curve, math.sqrt(low * high), legend, ends=(low, high))

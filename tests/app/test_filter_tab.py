@@ -96,6 +96,25 @@ def test_an_error_of_a_formula_is_shown_at_its_character(panel: FieldPanel) -> N
     assert not colored(panel, error)
 
 
+def test_a_signed_filter_is_drawn_below_zero(qtbot, panel: FieldPanel, document: Document) -> None:
+    spectrum = shown(qtbot, SpectrumPanel(document), 500, 300)
+    enter(panel, "filter_formula_edit", "cos(t*sqrt(x))")
+    time = document.display[Filters].value("t", document.spectrum)
+    wanted = summed(document, formula_bank("cos(t*sqrt(x))", t=time))
+    values = on_the_render(document)
+    assert wanted.min() < 0.0
+    np.testing.assert_allclose(values, wanted, atol=1e-6 * np.abs(wanted).max())
+    field = compute_field(request_of(document), LiveFeatures())
+    colors, _ = field.colors(document.display)
+    assert colors.low == pytest.approx(-colors.high)
+    QTest.qWait(1)
+    drawn, below = spectrum.view.response.getData()[1], spectrum.plot.viewRange()[1][0]
+    assert below < np.nanmin(drawn) < -0.9
+    enter(panel, "filter_formula_edit", "exp(-t*x)")
+    QTest.qWait(1)
+    assert spectrum.plot.viewRange()[1][0] > -0.2
+
+
 def test_a_low_pass_is_the_librarys(panel: FieldPanel, document: Document) -> None:
     cutoff = 0.5 * float(document.spectrum.eigenvalues[40] + document.spectrum.eigenvalues[41])
     enter(panel, "filter_parameter_0_field", f"{cutoff!r}")

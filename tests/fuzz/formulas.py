@@ -138,7 +138,6 @@ def _outcome(text: str, seed: int) -> str:
         return "refused"
     assert found.shape == EIGENVALUES.shape
     assert np.isfinite(found).all()
-    assert (found >= 0.0).all()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "1or x" is valid, with a warning
         tree = ast.parse(text.strip().replace("²", "**2"), mode="eval")

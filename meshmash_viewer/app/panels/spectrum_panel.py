@@ -44,7 +44,9 @@ class SpectrumPanel(PlotPanel):
             "eigenvalues": self._eigenvalues,
             "responses": ResponseView(document),
         }
-        self._shown = self._drawn_scale = ""
+        self._shown = ""
+        #: Name of the family and range of the left axis of the drawn responses.
+        self._drawn_scale: tuple[str, tuple[float, float] | None] = ("", None)
         #: Whether λ is logarithmic, by name of the family whose responses are shown.
         self._log = {name: family.logarithmic[2] for name, family in FAMILIES.items()}
         self.saver = PlotSaver(self.plot, document, lambda: self.view.numbers(), self._dress)
@@ -102,7 +104,6 @@ class SpectrumPanel(PlotPanel):
             self._shown = key
             for item in self.view.items:
                 self.plot.addItem(item, ignoreBounds=item in self.view.unbounded)
-            self.plot.set_heights(self.view.heights)
             self._refresh_spectrum()
             self.plot.show_all()
 
@@ -120,14 +121,15 @@ class SpectrumPanel(PlotPanel):
         self.plot.set_log(log and responses, log and not responses)
         self.plot.set_labels(bottom, left)
         self.plot.set_whole(not responses)
+        self.plot.set_heights(self.view.heights)
         decades = self.view.family.response_decades if responses else 0
         self.plot.getAxis("left").decades = decades
         self.view.refresh_spectrum()
-        self._drawn_scale = self.view.family.name
+        self._drawn_scale = self.view.family.name, self.view.heights
         self._describe()
 
     def _refresh_current(self) -> None:
-        if self.view.family.name != self._drawn_scale:
+        if (self.view.family.name, self.view.heights) != self._drawn_scale:
             self._refresh_spectrum()
             self.plot.show_all()
         else:

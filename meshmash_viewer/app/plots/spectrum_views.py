@@ -199,9 +199,6 @@ class ResponseView:
     A click selects the filter at the clicked eigenvalue. Ticks at the bottom mark eigenvalues.
     """
 
-    #: Range of the left axis, equal for all responses.
-    heights: ClassVar[tuple[float, float] | None] = (_RUG - 0.03, _TOP)
-
     def __init__(self, document: Document) -> None:
         self._document = document
         #: Whether the bottom axis is logarithmic.
@@ -337,6 +334,12 @@ class ResponseView:
         self.missing.setVisible(beyond)
         if beyond and high is not None:
             self.missing.setRegion([float(self._x(each)) for each in (known, high)])
+
+    @property
+    def heights(self) -> tuple[float, float] | None:
+        """Range of the left axis, from -1 or 0 to 1 with margins."""
+        signed = self.family.signed and not self.family.response_decades
+        return (-_TOP if signed else _RUG - 0.03), _TOP
 
     @property
     def family(self) -> Family:
