@@ -1,17 +1,10 @@
-"""Parsing of numbers with separators, exponents and units.
+"""Parsing of numbers with a unit.
 
-The same notation is accepted in every field of the window and every option of the command line:
-
-* a decimal point or a decimal comma: "0.5", "0,5"
-* groups of three digits with commas, points, spaces, apostrophes or underscores between them:
-  "1 234", "1,234,567", "1.234,5"
-* powers of ten: "1e-5", "1×10^-5", "10⁻⁵"
-* a power of a unit of length, which is converted: "0.5 µm", "3/µm²"
-* several numbers, with brackets or without, and a unit of all: "4 4 40", "[4, 4, 40] nm", "4x4x40"
-
-A single comma before three digits is ambiguous, so "1,000" is refused, except for a whole number,
-where it separates groups as in the output of this program. A single point is a decimal point; for a
-whole number "1.000" is refused.
+The same notation is accepted in every field of the window and every option of the command line: a
+decimal point or comma, spaces between groups of three digits, a power of ten ("1e-5", "1×10⁻⁵") and
+a power of a unit of length, which is converted ("0.5 µm", "3/µm²"). Commas between groups are read
+where they cannot be decimal commas: in a whole number, if there are several, and before a decimal
+point. "1,000" is refused elsewhere, and so is "1.000" for a whole number.
 """
 
 from __future__ import annotations
@@ -42,39 +35,20 @@ _SHOWN, _LONGEST = 40, 100
 #: Largest exponent; larger exponents are out of the range of floats.
 _LARGEST_POWER = 1000
 _SUPERSCRIPTS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
-#: Typographic characters and their replacements.
-_READ_AS = str.maketrans(
-    {
-        **dict.fromkeys("\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d", "-"),
-        **dict.fromkeys("\u2019\u2018\u02bc\uff07\u00b4\u0060\u066c", "'"),
-        **dict.fromkeys("\u2715\u22c5\u00b7\u2219", "×"),
-        **dict.fromkeys("\u2044\u2215", "/"),
-        **dict.fromkeys("\u200b\u200e\u200f\u2060\ufeff", ""),
-        "\uff0c": ",", "\uff0e": ".", "\u066b": ".", "\uff0b": "+", "\uff05": "%", "μ": "µ",
-    }
-)  # fmt: skip
-_POWER_OF_TEN = r"10\ ?(?:\^|\*\*)\ ?\(?(?P<{}>[+-]?[0-9]+)\)?"
-#: Number with unit, with single spaces; a space before "1/" ends the number: "2 1/µm²".
+#: Characters that are read as others, after normalisation (NFKC).
+_READ_AS = str.maketrans({"\u2212": "-", "\u2013": "-", "μ": "µ", "×": "x"})
+#: Number and unit, with single spaces.
 _NUMBER = re.compile(
-    r"[≈~]?\ ?(?P<sign>[+-]?)\ ?(?:"
-    + _POWER_OF_TEN.format("alone")
-    + r"|(?P<digits>[.,]?[0-9](?:[0-9]|[.,'_](?=[0-9])|\ (?=[0-9])(?!1\ ?/))*\.?)"
-    + r"(?:\ ?[eE]\ ?(?P<exponent>[+-]?[0-9]+)|\ ?[×x*]\ ?"
-    + _POWER_OF_TEN.format("times")
-    + r")?)\ ?(?P<unit>.*)"
+    r"≈? ?(?P<sign>[+-]?)(?:10\^(?P<alone>[+-]?[0-9]+)|(?P<digits>[0-9.,](?:[0-9.,]| (?=[0-9]))*)"
+    r"(?:[eE](?P<exponent>[+-]?[0-9]+)| ?x ?10\^(?P<times>[+-]?[0-9]+))?) ?(?P<unit>.*)"
 )
-_UNIT = re.compile(
-    r"[×*]?\ ?(?P<per>(?:1?\ ?/|per\ )\ ?)?(?P<name>[^\W\d_]+)\ ?"
-    r"(?:(?:\^|\*\*)?\ ?\(?(?P<power>[+-]?[0-9]+)\)?)?"
-)
-
-
+#: Digits with one mark that may separate groups or decimals.
+_EITHER = re.compile(r"[1-9][0-9]{0,2}[.,][0-9]{3}")
+_COMMAS = re.compile(r"[1-9][0-9]{0,2}(,[0-9]{3})+(\.[0-9]*)?")
+_SPACES = re.compile(r"[1-9][0-9]{0,2}( [0-9]{3})+([.,][0-9]*)?")
+_UNIT = re.compile(r"(?P<per>/ ?)?(?P<name>[^\W\d_]+) ?\^?(?P<power>[+-]?[0-9]+)?")
 #: Separators of several numbers, in the order in which they are tried.
-_NEXT = r"(?=[+-]? ?[.,]?[0-9])"
-_SEPARATORS = (f" ?[;:] ?{_NEXT}", f" ?[x×*] ?{_NEXT}| , ?|, ", f" {_NEXT}", ",")
-_BRACKETS = re.compile(r"[\[({] ?(?P<numbers>[^][(){}]+?) ?[])}](?P<unit>.*)")
-#: Sizes of a voxel that may also be one number with groups of three digits.
-_ONE_OR_THREE = re.compile("(?P<sizes>[1-9][0-9]{0,2}([ ,][0-9]{3}){2}) ?(?P<unit>[a-zµÅ]*)")
+_SEPARATORS = (" ?[x;] ?", " ?, ?", " ")
 
 
 @dataclass(frozen=True)
@@ -103,6 +77,10 @@ class Quantity:
         return _float(self.value.scaleb(shift), self.text)
 
 
+class AmbiguousError(InputError):
+    """A text that may be two different numbers."""
+
+
 def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool = False) -> float:
     """Read a number in a unit.
 
@@ -122,15 +100,15 @@ def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool 
     value, written = _split(text, whole=whole)
     if share and written == "%":
         return _float(value.scaleb(-2), text)
-    if not written or _joined(written) == _joined(_plain(unit)):
+    if not written or written == _plain(unit):
         return _float(value, text)
     if _length_power(written) is None:
         raise _no_unit(text, written)
-    meant = _length_power(_plain(unit))
-    if meant is None:
+    expected = _length_power(_plain(unit))
+    if expected is None:
         known = f"this is in {unit}" if unit else "none is known here"
         raise InputError(f"{_shown(text)} has a unit, and {known}: write the number alone.")
-    return _quantity(value, written, meant[1], text).in_unit(meant[0])
+    return _quantity(value, written, expected[1], text).in_unit(expected[0])
 
 
 def parse_quantity(text: str, power: int = 1) -> Quantity:
@@ -163,7 +141,7 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
     allowed = f"{noun} is a whole number from {least:,} to {most:,}"
     try:
         value, written = _split(text, whole=True)
-    except _AmbiguousError as fault:
+    except AmbiguousError as fault:
         raise InputError(f"{allowed}: {fault}") from None
     except InputError:
         raise InputError(f"{allowed}, not {_shown(text) if text.strip() else 'empty'}.") from None
@@ -175,41 +153,31 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
 def parse_several(
     text: str, count: int, parse: Callable[[str], _T], example: str
 ) -> tuple[_T, ...]:
-    """Read `count` values with one separator, in brackets or not, each by `parse`.
+    """Read `count` values with one separator, each by `parse`.
 
     A unit after the last value is the unit of all values without one. `InputError` is raised if the
     text is not `count` values, with an `example`, or a value is ambiguous.
 
     Examples
     --------
-    >>> parse_several("(4, 4, 40)", 3, parse_number, "4 4 40")
+    >>> parse_several("4, 4, 40", 3, parse_number, "4 4 40")
     (4.0, 4.0, 40.0)
     >>> [each.in_unit("nm") for each in parse_several("1 x 2 µm", 2, parse_quantity, "1 x 2")]
     [1000.0, 2000.0]
     """
-    plain = _without_brackets(_plain(text))
-    faults = list[InputError]()
+    fault = InputError(f"{_shown(text)} is not {count} numbers: write them like {example}.")
+    numbers, unit = re.fullmatch(r"(.*?) ?([^\W\dx_]*)", _plain(text)).groups()  # type: ignore[union-attr]
     for separator in _SEPARATORS:
-        parts = re.split(separator, plain)
-        try:
-            units = [_split(part)[1] for part in parts if len(parts) == count]
-        except InputError as fault:
-            faults += [fault] if isinstance(fault, _AmbiguousError) else []
-            continue
-        named = [
-            part if unit else f"{part} {units[-1]}"
-            for part, unit in zip(parts, units, strict=False)  # no units for another count
-        ]
-        try:
-            if named:
-                return tuple(map(parse, named))
-        except InputError as fault:
-            faults.append(fault)
-    raise (
-        faults[0]
-        if faults
-        else InputError(f"{_shown(text)} is not {count} numbers: write them like {example}.")
-    )
+        parts = re.split(separator, numbers)
+        if len(parts) == count:
+            try:
+                return tuple(
+                    parse(f"{part} {unit}".strip() if part[-1:].isdigit() else part)
+                    for part in parts
+                )
+            except InputError as refused:
+                fault = refused
+    raise fault
 
 
 def parse_voxel(text: str) -> tuple[Voxel, str]:
@@ -220,19 +188,28 @@ def parse_voxel(text: str) -> tuple[Voxel, str]:
     >>> parse_voxel("4x4x40"), parse_voxel("8 nm")
     (((4.0, 4.0, 40.0), ''), ((8.0, 8.0, 8.0), 'nm'))
     """
-    plain = _without_brackets(_plain(text))
-    if found := _ONE_OR_THREE.fullmatch(plain):
-        parts, unit = re.split("[ ,]", found["sizes"]), found["unit"]
-        raise _AmbiguousError(
-            f"{_shown(text)} may be a voxel of {' × '.join(parts)} {unit} or of"
-            f" {''.join(parts)} {unit}: write it like one of these."
+    ways: tuple[Callable[[], tuple[Quantity, ...]], ...] = (
+        lambda: (parse_quantity(text),) * 3,
+        lambda: parse_several(text, 3, parse_quantity, _VOXELS),
+    )
+    readings = list[tuple[Quantity, ...]]()
+    for parse in ways:
+        try:
+            readings.append(parse())
+        except InputError as refused:
+            fault = refused
+            if isinstance(refused, AmbiguousError):
+                break
+    if not readings:
+        raise fault
+    if len(readings) == 2:
+        (one, *_), three = ([f"{size.value:f}" for size in each] for each in readings)
+        unit = readings[0][0].unit
+        raise AmbiguousError(
+            f"{_shown(text)} may be a voxel of {' × '.join(three)} {unit} or of {one} {unit}:"
+            " write it like one of these."
         )
-    try:
-        sizes: tuple[Quantity, ...] = (parse_quantity(plain),) * 3
-    except _AmbiguousError:
-        raise
-    except InputError:
-        sizes = parse_several(plain, 3, parse_quantity, _VOXELS)
+    sizes = readings[0]
     name = sizes[-1].unit
     factor, unit = MESH_UNITS[name]
     x, y, z = (factor * size.in_unit(name) for size in sizes)
@@ -260,7 +237,7 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
         return (factor, factor, factor), unit
     try:
         voxel, unit = parse_voxel(str(text))
-    except _AmbiguousError:
+    except AmbiguousError:
         raise
     except InputError:
         unit = ""
@@ -269,75 +246,37 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
     return voxel, unit
 
 
-class _AmbiguousError(InputError):
-    """The text of a number is ambiguous."""
-
-
 def _split(text: str, *, whole: bool = False) -> tuple[Decimal, str]:
     """Split a text into the number at its beginning, and the rest."""
     plain = _plain(text)
     match = _NUMBER.fullmatch(plain) if len(plain) <= _LONGEST else None
     if match is None:
         raise _no_number(text)
-    digits, sign = match["digits"] or "1", match["sign"]
+    sign, digits = match["sign"], match["digits"] or "1"
     power = int(match["alone"] or match["exponent"] or match["times"] or 0)
     scale = f"e{power}" if power else ""
-    either = _EITHER.fullmatch(digits)
-    if either and ("." if whole else ",") in digits:
-        raise _ambiguous(text, sign, digits, scale)
-    mantissa = _with_point(digits, "" if whole and either else _mark(digits))
-    if mantissa is None:
+    if _EITHER.fullmatch(digits) and ("." if whole else ",") in digits:
+        thousands, decimal = re.sub("[.,]", "", digits), float(digits.replace(",", "."))
+        raise AmbiguousError(
+            f"{_shown(text)} may be {sign}{thousands}{scale} or {sign}{decimal}{scale}: write it"
+            " like one of these."
+        )
+    several = whole or "." in digits or digits.count(",") > 1
+    if several and _COMMAS.fullmatch(digits):
+        digits = digits.replace(",", "")
+    elif _SPACES.fullmatch(digits):
+        digits = digits.replace(" ", "")
+    if not re.fullmatch("[0-9]+[.,]?[0-9]*|[.,][0-9]+", digits):
         raise _no_number(text)
     if abs(power) > _LARGEST_POWER:
         raise _no_size(text)
-    return Decimal(f"{sign}{mantissa}{scale}"), match["unit"]
-
-
-#: Digits with a single mark that may separate groups or decimals.
-_EITHER = re.compile(r"[1-9][0-9]{0,2}[.,][0-9]{3}")
-
-
-def _mark(digits: str) -> str:
-    """Return the decimal mark: the last point or comma, unless it is repeated."""
-    last = max(".,", key=digits.rfind)
-    return last if digits.count(last) == 1 else ""
-
-
-def _with_point(digits: str, mark: str) -> str | None:
-    """Remove separators and use a decimal point; None if groups are not of three digits."""
-    before, _, after = digits.partition(mark) if mark else (digits, "", "")
-    separators = set(re.sub("[0-9]", "", before + after))
-    if len(separators) > 1:
-        return None
-    if separators:
-        (separator,) = separators
-        each = re.escape(separator)
-        whole = f"[1-9][0-9]{{0,2}}({each}[0-9]{{3}})+|[0-9]*"
-        if separator == ",":  # as in India, 12,34,567
-            whole += "|[1-9][0-9]?(,[0-9]{2})+,[0-9]{3}"
-        part = f"([0-9]{{3}}{each})+[0-9]{{1,3}}|[0-9]*"
-        if not (re.fullmatch(whole, before) and re.fullmatch(part, after)):
-            return None
-        before, after = before.replace(separator, ""), after.replace(separator, "")
-    return f"{before or 0}.{after or 0}"
+    return Decimal(f"{sign}{digits.replace(',', '.')}{scale}"), match["unit"]
 
 
 def _plain(text: str) -> str:
-    """Normalise a text: single spaces, ASCII digits, superscripts after "^"."""
-    text = re.sub(
-        "[⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{found[0].translate(_SUPERSCRIPTS)}", text
-    ).translate(_READ_AS)
-    digits = (str(unicodedata.decimal(each)) if each.isdecimal() else each for each in text)
-    return " ".join("".join(digits).split())
-
-
-def _without_brackets(plain: str) -> str:
-    found = _BRACKETS.fullmatch(plain)
-    return f"{found['numbers']} {found['unit'].strip()}".strip() if found else plain
-
-
-def _joined(unit: str) -> str:
-    return unit.replace("^", "").replace(" ", "")
+    """Normalise a text: single spaces, superscripts after "^"."""
+    text = re.sub("[⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{found[0].translate(_SUPERSCRIPTS)}", text)
+    return " ".join(unicodedata.normalize("NFKC", text).translate(_READ_AS).split())
 
 
 def _length_power(unit: str) -> tuple[str, int] | None:
@@ -369,15 +308,6 @@ def _float(value: Decimal, text: str) -> float:
     if not math.isfinite(number) or (number == 0.0) != (value == 0):
         raise _no_size(text)
     return number
-
-
-def _ambiguous(text: str, sign: str, digits: str, scale: str) -> _AmbiguousError:
-    mark = _mark(digits)
-    thousands, decimal = digits.replace(mark, ""), float(digits.replace(mark, "."))
-    return _AmbiguousError(
-        f"{_shown(text)} may be {sign}{thousands}{scale} or {sign}{decimal}{scale}: write it like"
-        " one of these."
-    )
 
 
 def _no_size(text: str) -> InputError:

@@ -25,13 +25,7 @@ def test_the_number_is_in_view_at_the_right(qapp, field: NumberField) -> None:
     assert field.width() - edit.geometry().right() < 12, "no room is left for arrows"
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "3.1e5", "3.1e5 nm²", "310000", "3,1E5", "310 000", "310'000", "3.1×10^5", "0.31 µm²",
-        "0,31um^2", "3.1e5nm2", "≈ 3.1e5 nm²",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("text", ["3.1e5", "3,1E5", "310 000 nm²", "0,31um^2"])
 def test_any_notation_with_or_without_unit(field: NumberField, qtbot, text: str) -> None:
     with qtbot.waitSignal(field.edited) as heard:
         give(field, text)
@@ -53,14 +47,9 @@ def test_a_refusal_is_withdrawn_when_other_numbers_are_shown(field: NumberField)
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("abc", "abc is not a number"),
         ("-1", "Shortest time: between about 0 and 1000\N{NO-BREAK SPACE}mm² on this mesh."),
-        ("1e16", "Shortest time: between about 0 and 1000\N{NO-BREAK SPACE}mm² on this mesh."),
-        ("inf", "inf is not a number"),
         ("nan", "nan is not a number"),
-        ("18,800", "18,800 may be 18800 or 18.8"),
         ("20 µm", "20 µm is a length: write it in µm²."),
-        ("5 s", "5 s is in a unit that is not known"),
     ],
 )
 def test_what_is_refused_is_said_and_forgotten(field: NumberField, text: str, says: str) -> None:

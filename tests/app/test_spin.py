@@ -43,10 +43,7 @@ def form(request: pytest.FixtureRequest, qtbot: QtBot) -> Form:
     return form
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["99999", "2930", "0", "-1", "12.5", "1,5", "1.234", "12 34", "abc", "5 nm", "5 %", "nan"],
-)
+@pytest.mark.parametrize("text", ["99999", "0", "12.5", "1.234", "abc", "5 nm"])
 @pytest.mark.parametrize("by_return", [True, False])
 def test_what_is_refused_is_said_with_the_range(form: Form, text: str, by_return: bool) -> None:
     field = form.whole

@@ -61,10 +61,11 @@ def test_what_is_typed_is_left_as_it_is(box: TargetBox) -> None:
 
 @pytest.mark.parametrize("text", ["99999", "1e99", "643"])
 def test_there_are_no_more_eigenpairs_than_vertices(box: TargetBox, text: str) -> None:
+    enter(type_in(box, "target_count_spin", "50"))
     field = type_in(box, "target_count_spin", text)
     enter(field)
-    assert field.value == 642
-    assert box.document.solve.target == Target("count", 642)
+    assert field.value == 50
+    assert box.document.solve.target == Target("count", 50)
     assert reason(box) == "This mesh has 642 vertices, and so at most 642 eigenpairs."
     enter(type_in(box, "target_count_spin", "20"))
     assert reason(box) == ""
@@ -99,7 +100,6 @@ def test_a_length_whose_square_is_no_number_is_refused() -> None:
 
 @pytest.mark.parametrize("text", ["18,800", "18 um", "1.5.", "1.5x", "1,5 nm"])
 def test_what_is_refused_leaves_the_target_as_it_was(box: TargetBox, text: str) -> None:
-    """A number at the start is used while typing, until the text becomes invalid."""
     enter(type_in(box, "target_count_spin", "50"))
     field = type_in(box, "target_wavelength_spin", text)
     assert box.document.solve.target == Target("count", 50)
@@ -117,7 +117,7 @@ def test_escape_leaves_the_target_as_it_was(box: TargetBox) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "count"), [("50", 50), ("50.0", 50), ("1e2", 100), ("0,5e2", 50), ("6'4'2", None)]
+    ("text", "count"), [("50", 50), ("50.0", 50), ("1e2", 100), ("0,5e2", 50), ("12.5", None)]
 )
 def test_a_count_is_a_whole_number(box: TargetBox, text: str, count: int | None) -> None:
     enter(type_in(box, "target_count_spin", "20"))

@@ -47,18 +47,11 @@ def enter(field: QWidget) -> None:
 #: Family, field, typed text, and the number read, in nm and its powers.
 TYPED = (
     ("eigenfunction", "target_wavelength_spin", "18 um", 18_000.0),
-    ("eigenfunction", "target_wavelength_spin", "18 800", 18_800.0),
-    ("eigenfunction", "target_wavelength_spin", "18'800,5 nm", 18_800.5),
-    ("eigenfunction", "target_time_spin", "20 µm²", 2e7),
     ("eigenfunction", "target_eigenvalue_spin", "0,5/µm²", 5e-7),
-    ("eigenfunction", "target_count_spin", "1e2", 100.0),
     ("eigenfunction", "mollify_spin", "0.01 %", 1e-4),
     ("eigenfunction", "limit_low_field", "\u22121×10^-5/nm", -1e-5),
     ("eigenfunction", "limit_high_field", "50", 5e-5),  # in mm⁻¹, as on the render
-    ("hks", "hks_t_min_field", "5 um^2", 5e6),
     ("hks", "hks_t_max_field", "1.5×10⁹ nm²", 1.5e9),
-    ("hks", "limit_high_field", "0.02/um^2", 2e-8),
-    ("band", "band_max_field", "2 µm⁻²", 2e-6),
     ("filter", "filter_parameter_0_field", "0.1/um^2", 1e-7),
 )
 

@@ -123,15 +123,14 @@ _LARGEST = 1e150
 
 
 class NumberField(QAbstractSpinBox):
-    """Field for a number in any notation, and with any unit of its kind, such as 1e-8 or 0.5 µm.
+    """Field for a number of any size, and with any unit of its kind, such as 1e-8 or 0.5 µm.
 
     Qt's spin boxes have a fixed number of decimals, too few for 1e-8. `quantities` parses the text.
 
     `limits` are fixed bounds; without them `bounds` depend on the mesh. `step(number, n)` returns
     the number n steps away; without `step` there are no arrows. A `live` field emits each valid
-    number while typing. With `nearest`, a number beyond the bounds is replaced by the nearest
-    bound, not by the old value. `whole` numbers are written with all digits. With `share`, percent
-    can be typed. `tip` replaces the default tooltip, the number with more digits.
+    number while typing. `whole` numbers are written with all digits. With `share`, percent can be
+    typed. `tip` replaces the default tooltip, the number with more digits.
     """
 
     #: The user typed a valid number, or stepped to one.
@@ -151,7 +150,6 @@ class NumberField(QAbstractSpinBox):
         limits: tuple[float, float] | None = None,
         step: Callable[[float, int], float] | None = None,
         live: bool = False,
-        nearest: bool = False,
         whole: bool = False,
         share: bool = False,
         tip: str = "",
@@ -168,8 +166,8 @@ class NumberField(QAbstractSpinBox):
         #: Whether the event being handled, such as a click, made the field reject its text.
         self.just_refused = False
         theme.named(self, name, spoken, tip=tip)
-        self._step, self._live, self._nearest = step, live, nearest
-        self._whole, self._share, self._has_tip = whole, share, bool(tip)
+        self._step, self._live, self._has_tip = step, live, bool(tip)
+        self._whole, self._share = whole, share
         #: Last arguments of `show_value`.
         self._shown: tuple[object, ...] = ()
         self._prefix = self._suffix = self._unit = ""
@@ -254,7 +252,8 @@ class NumberField(QAbstractSpinBox):
 
     def stepBy(self, steps: int) -> None:
         if self._step is not None and self._value is not None:
-            self._emit(self._within(self._step(self._value, steps)))
+            low, high = self.bounds
+            self._emit(min(max(self._step(self._value, steps), low), high))
             self._before = self._value
             self._typing = False
             self._write()
@@ -311,10 +310,6 @@ class NumberField(QAbstractSpinBox):
             return f"{format_number(number)} is out of range: write a number such as 3.1e5."
         return ""
 
-    def _within(self, number: float) -> float:
-        nearest = min(max(number, self.bounds[0]), self.bounds[1])
-        return nearest // 1.0 if self._whole else nearest
-
     def _follow_typing(self) -> None:
         self.refused.emit("")
         if not self._typing:
@@ -341,16 +336,12 @@ class NumberField(QAbstractSpinBox):
         """Parse the text. Return False, show the reason and restore the old value if invalid."""
         if not self.lineEdit().isModified():
             return True
-        number = math.nan
         try:
             number = self._parse()
             problem = self._problem(number)
         except InputError as fault:
             problem = str(fault)
         if problem:
-            if self._nearest and not math.isnan(number):
-                self._before = self._within(number)
-                self._emit(self._before)
             self._restore(problem)
             return False
         self._typing = False

@@ -95,7 +95,6 @@ class TargetBox(QWidget):
                 way.spoken,
                 step=(lambda value, steps: value + 10 * steps) if whole else quarter_steps,
                 live=True,
-                nearest=whole,
                 whole=whole,
                 tip=way.tip,
             )
