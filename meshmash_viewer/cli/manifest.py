@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
-import time
 from argparse import Namespace
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -15,9 +13,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from filelock import FileLock
+
 from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.io.atomic import writing_errors, written_whole
-from meshmash_viewer.io.cache import FileLock
 from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.mesh import Mesh
 
@@ -42,8 +41,6 @@ COLUMNS = {
     "report": "string",  # as printed with --json
 }
 DONE, FAILED = "done", "failed"
-#: Seconds between attempts to lock the file.
-_WAIT = 0.02
 #: Columns whose value has another name in the report.
 _REPORTED = {"pairs": "n_eigenpairs", "residual": "worst_residual"}
 #: Options that do not change the result for a mesh.
@@ -122,11 +119,8 @@ class Manifest:
             })  # fmt: skip
         added = pyarrow.Table.from_pylist(rows, pyarrow.schema(COLUMNS.items()))
         # the system releases the lock of a killed process
-        lock = FileLock(self.path.with_name(f".{self.path.stem}.lock"))
-        with writing_errors(self.path), contextlib.ExitStack() as stack:
-            stack.callback(lock.release)
-            while not lock.acquire():
-                time.sleep(_WAIT)
+        lock = FileLock(self.path.with_name(f".{self.path.stem}.lock"), poll_interval=0.02)
+        with writing_errors(self.path), lock:
             again = pyarrow.compute.field("output").isin(added["output"].combine_chunks())
             table = pyarrow.concat_tables([_table_in(self.path).filter(~again), added])
             with written_whole(self.path) as part:

@@ -8,23 +8,18 @@ import json
 import os
 import re
 import shutil
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from filelock import FileLock
 
 from meshmash_viewer.io.atomic import LEFT_OVER, cache_folder, discard, written_whole
 from meshmash_viewer.spectral.certificate import Certificate
-
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
 
 #: Version of the file format and of the operator; stores of other versions are not used.
 FORMAT = 6
@@ -59,63 +54,6 @@ def folder_size(folder: Path) -> int:
             blocks = getattr(status, "st_blocks", None)
             total += status.st_size if blocks is None else min(512 * blocks, status.st_size)
     return total
-
-
-class FileLock:
-    """An exclusive lock of a process on a file, released when the process ends.
-
-    The file is empty and used for the lock only; it is made when needed and never deleted.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._descriptor: int | None = None
-
-    def acquire(self) -> bool:
-        """Acquire the lock if it is free, and return whether this object has it.
-
-        `OSError` is raised if the file cannot be made.
-        """
-        if self._descriptor is not None:
-            return True
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            if sys.platform == "win32":
-                msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-            else:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except (BlockingIOError, PermissionError):
-            os.close(descriptor)
-            return False
-        except BaseException:
-            os.close(descriptor)
-            raise
-        self._descriptor = descriptor
-        return True
-
-    @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Hold the lock in the body; `BlockingIOError` is raised if the lock is not free."""
-        if not self.acquire():
-            raise BlockingIOError
-        try:
-            yield
-        finally:
-            self.release()
-
-    def release(self) -> None:
-        """Release the lock."""
-        if self._descriptor is None:
-            return
-        descriptor, self._descriptor = self._descriptor, None
-        with contextlib.suppress(OSError):
-            # on closing alone, Windows releases the lock with a delay
-            if sys.platform == "win32":
-                msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
-            else:
-                fcntl.flock(descriptor, fcntl.LOCK_UN)
-        os.close(descriptor)
 
 
 class EigenpairCache:
@@ -174,7 +112,7 @@ class EigenpairCache:
     def _remove(self, folder: Path, only_if: Callable[[Path], bool] = Path.exists) -> int:
         """Remove a store if a condition holds once it is locked; return the bytes freed."""
         # errors: the store is being written, is another user's, or was removed meanwhile
-        with contextlib.suppress(OSError), FileLock(self.lock_path(folder.name)).held():
+        with contextlib.suppress(OSError), FileLock(self.lock_path(folder.name), timeout=0):
             if only_if(folder):
                 size = folder_size(folder)
                 # renamed first, so that a partly removed store is never read

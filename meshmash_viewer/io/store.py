@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
@@ -36,7 +37,6 @@ from meshmash_viewer.io.cache import (
     PROBLEM,
     ROWS,
     EigenpairCache,
-    FileLock,
     Published,
     folder_size,
 )
@@ -97,7 +97,7 @@ class EigenpairStore:
             },
             "operator": asdict(operator),
         }
-        self._lock = FileLock(self._cache.lock_path(key))
+        self._lock = FileLock(self._cache.lock_path(key), timeout=0, thread_local=False)
         self.damage = ""
         #: Published data on the intact pairs.
         self._published = Published()
@@ -327,11 +327,11 @@ class EigenpairStore:
         cannot be written.
         """
         try:
-            acquired = self._lock.acquire()
+            self._lock.acquire()
+        except Timeout:
+            raise StoreBusy("Another process is computing the eigenpairs of this mesh.") from None
         except OSError as fault:
             raise self._unusable(fault) from fault
-        if not acquired:
-            raise StoreBusy("Another process is computing the eigenpairs of this mesh.")
 
     def close(self) -> None:
         """Release the lock and the memory map; a later run can resume from the published pairs."""
@@ -339,7 +339,7 @@ class EigenpairStore:
         if mapped and not self._lost:  # after a failure, callers may still use the map
             with contextlib.suppress(OSError), self._row_file() as file:
                 file.truncate(8 * len(self._published) * self.n_vertices)  # fails on some systems
-        self._lock.release()
+        self._lock.release(force=True)
 
     def _make_folder(self, size: int) -> None:
         """Make the folder, and remove older stores until `size` bytes fit."""

@@ -16,9 +16,8 @@ import shapes
 
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io import atomic, cache
+from meshmash_viewer.io import atomic
 from meshmash_viewer.io.atomic import discard, persistently, writing_errors, written_together
-from meshmash_viewer.io.cache import FileLock
 from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -179,46 +178,7 @@ def test_a_result_is_there_though_everything_is_refused_at_first(
     assert (replacing.refused, deleting.refused) == (2, 2)
 
 
-# Locks and identities -------------------------------------------------------------------------
-
-
-def test_a_lock_is_released_before_its_file_is_closed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fcntl = pytest.importorskip("fcntl")
-    done: list[str] = []
-    lock, close = fcntl.flock, os.close
-
-    def noted(descriptor: int, how: int) -> None:
-        done.append({fcntl.LOCK_UN: "unlocked"}.get(how, "locked"))
-        lock(descriptor, how)
-
-    def noted_close(descriptor: int) -> None:
-        done.append("closed")
-        close(descriptor)
-
-    monkeypatch.setattr(fcntl, "flock", noted)
-    monkeypatch.setattr(cache.os, "close", noted_close)
-    held = FileLock(tmp_path / "x.lock")
-    assert held.acquire()
-    held.release()
-    held.release()
-    assert done == ["locked", "unlocked", "closed"]
-    assert FileLock(tmp_path / "x.lock").acquire()
-
-
-def test_a_lock_that_cannot_be_released_is_closed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fcntl = pytest.importorskip("fcntl")
-    held, other = FileLock(tmp_path / "x.lock"), FileLock(tmp_path / "x.lock")
-    assert held.acquire()
-    assert not other.acquire()
-    with monkeypatch.context() as patch:
-        refuse(patch, fcntl, "flock", 1)
-        held.release()
-    assert other.acquire()
-    other.release()
+# Identities -----------------------------------------------------------------------------------
 
 
 def test_a_store_is_known_by_handles_alone(
