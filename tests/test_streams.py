@@ -19,7 +19,7 @@ from tiers import slow_but
 
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.cli.parser import COMMANDS
-from meshmash_viewer.cli.streams import SPELLED, answer, prepare_streams, say
+from meshmash_viewer.cli.streams import answer, prepare_streams, say
 from meshmash_viewer.progress import Progress, ProgressBar
 
 #: Encodings of terminals and redirected output: POSIX, DOS, Windows, mainframes.
@@ -55,71 +55,6 @@ def redirected(
         stream.flush()
         said.append(stream.buffer.getvalue().decode(encoding))
     return status, said[0], said[1]
-
-
-def spelled(text: str, encoding: str = "ascii") -> str:
-    return text.encode(encoding, SPELLED).decode(encoding, "surrogateescape")
-
-
-@pytest.mark.parametrize(
-    ("text", "ascii_text"),
-    [
-        ("≈ 201 µm⁻²", "~ 201 um^-2"),
-        ("up to λ = 3 nm²", "up to lambda = 3 nm^2"),
-        ("λ₁₀ ≤ 1 × 10⁻³ …", "lambda_10 <= 1 x 10^-3 ..."),
-        ("e^(−λt)/(4πt)", "e^(-lambda t)/(4 pi t)"),
-        ("Φᵀ M f", "Phi^T M f"),
-        ("Σ_k φ_k(v)² · √t", "Sigma_k phi_k(v)^2 - sqrt t"),
-        ("‖Lφ−λMφ‖", "||L phi-lambda M phi||"),
-        ("½ “a” – ’b’ → ∞ ± 2°", "1/2 \"a\" - 'b' -> inf +- 2 deg"),
-        ("Café, Straße, Dvořák, Ø", "Cafe, Strasse, Dvorak, O"),
-        ("cafe\N{COMBINING ACUTE ACCENT}", "cafe"),  # as in file names of macOS
-        ("12\N{NARROW NO-BREAK SPACE}345", "12 345"),
-        ("神経 κάτω", r"\u795e\u7d4c \u03ba\u03ac\u03c4\u03c9"),
-        ("🙂 \ud800", r"\U0001f642 \ud800"),
-        ("µm and μm", "um and um"),
-        ("", ""),
-    ],
-)
-def test_what_an_encoding_lacks_is_spelled(text: str, ascii_text: str) -> None:
-    assert spelled(text) == ascii_text
-    assert "?" not in ascii_text
-
-
-@pytest.mark.parametrize("other", ["t", "2", "é", "µ", "½", "∞", "×", "神"])
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp437"])
-def test_a_word_is_apart_from_letters_and_digits_on_both_sides(other: str, encoding: str) -> None:
-    near = spelled(other, encoding)
-    assert spelled(f"{other}λ", encoding) == f"{near} lambda"
-    assert spelled(f"λ{other}", encoding) == f"lambda {near}"
-    assert spelled(f"{other}√", "ascii") == f"{spelled(other)} sqrt"
-    assert spelled(f"√{other}", "ascii") == f"sqrt {spelled(other)}"
-
-
-@pytest.mark.parametrize("other", ["(", ")", "-", "−", "→", "≈", "_", " ", "\N{NO-BREAK SPACE}"])
-def test_a_word_is_next_to_signs_and_spaces(other: str) -> None:
-    assert spelled(f"{other}λ{other}") == f"{spelled(other)}lambda{spelled(other)}"
-    assert spelled("λ₁λ²λ") == "lambda_1 lambda^2 lambda"
-
-
-@pytest.mark.parametrize("encoding", ENCODINGS)
-def test_what_an_encoding_has_is_left(encoding: str) -> None:
-    for text in ("plain text: 1/2 * [3]", "λ", "µ", "²", "é", "神"):
-        try:
-            text.encode(encoding)
-        except UnicodeEncodeError:
-            continue
-        assert spelled(text, encoding) == text
-
-
-@pytest.mark.parametrize("encoding", ["cp1252", "cp437", "ascii", "latin-1"])
-def test_an_exponent_is_whole_though_some_digits_have_a_character(encoding: str) -> None:
-    assert spelled("nm⁻²", encoding) == "nm^-2"
-
-
-def test_a_name_that_is_no_text_goes_out_as_it_came() -> None:
-    name = os.fsdecode(b"caf\xe9 \xce\xbb.ply")
-    assert f"{name} λ".encode("utf-8", SPELLED) == b"caf\xe9 \xce\xbb.ply \xce\xbb"
 
 
 @pytest.mark.parametrize("encoding", slow_but(["ascii", "cp437", "utf-16"], ENCODINGS))
@@ -174,10 +109,11 @@ def test_bars_and_warnings_are_readable(encoding: str, monkeypatch: pytest.Monke
         bar(Progress("eigenpairs", 0.5, message="λ ≈ 3"))
     say("µ → λ")
     held.flush()
-    said = held.buffer.getvalue().decode(encoding)
+    written = held.buffer.getvalue()
+    said = written.decode(encoding)
     assert "?" not in said
     assert "50%" in said
-    assert said.endswith(f"meshmash-viewer: {spelled('µ → λ', encoding)}\n")
+    assert written.endswith("µ → λ\n".encode(encoding, "backslashreplace"))
 
 
 @pytest.mark.slow
@@ -191,8 +127,8 @@ def test_a_real_process_with_redirected_output(ball: Path) -> None:
         env=environment | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"},
     )
     assert done.returncode == 2
-    assert "~" in done.stdout.decode("cp1252")
-    assert b"pi.ply does not exist" in done.stderr
+    assert "\\u2248" in done.stdout.decode("cp1252")
+    assert b"\\u03c0.ply does not exist" in done.stderr
 
 
 # Missing and closed streams ------------------------------------------------------------------
