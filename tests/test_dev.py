@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -27,49 +29,29 @@ def dev() -> ModuleType:
 def test_help_lists_every_command(dev: ModuleType, words: list[str], status: int) -> None:
     run = subprocess.run([sys.executable, SCRIPT, *words], capture_output=True, text=True)
     assert run.returncode == status
-    shown = run.stderr if status else run.stdout
-    assert all(f"dev.py {name} " in shown for name in dev.COMMANDS)
+    assert all(f"dev.py {name} " in run.stdout for name in dev.COMMANDS)
 
 
-@pytest.mark.parametrize("arguments", [[], ["tests/test_units.py"]])
-def test_no_virtual_screen_is_asked_for_elsewhere(
-    dev: ModuleType, arguments: list[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("arguments", [(), ("tests/test_units.py",)])
+def test_every_step_runs_though_one_fails_and_none_asks_for_a_screen_elsewhere(
+    dev: ModuleType, arguments: tuple[str], monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
-    calls: list[list[str]] = []
+    calls: list[tuple[str, ...]] = []
 
-    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
-        calls.append([str(word) for word in command])
-        return subprocess.CompletedProcess(command, 0)
+    def call(*command: object, **_: str) -> int:
+        calls.append(tuple(map(str, command)))
+        return int("mypy" in command)
 
     monkeypatch.setattr(dev, "LINUX", False)
-    monkeypatch.setattr(dev, "STAMP", SCRIPT.parent / "none")
-    monkeypatch.setattr(dev, "make_environment", lambda: None)
-    monkeypatch.setattr(dev, "one_thread_each", lambda: None)
-    monkeypatch.setattr(dev.subprocess, "run", run)
-    monkeypatch.setattr(dev, "begin", lambda *command: run(list(command)))
-    monkeypatch.setattr(dev, "finish", lambda done: done.returncode)
-    assert dev.main(["test", *arguments]) == 0
+    monkeypatch.setattr(dev, "prepare", lambda: None)
+    monkeypatch.setattr(dev.os, "environ", dict(os.environ))
+    monkeypatch.setattr(dev, "call", call)
+    assert dev.main("test", *arguments) == 1
     assert {command[0] for command in calls} == {str(dev.PYTHON)}
     assert any("pytest" in command for command in calls)
-
-
-def test_one_failed_step_fails_the_test_and_ends_no_other(
-    dev: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    real_begin = dev.begin
-    monkeypatch.setattr(dev, "make_environment", lambda: None)
-    monkeypatch.setattr(dev, "install_system_libraries", lambda: None)
-    monkeypatch.setattr(dev, "one_thread_each", lambda: None)
-    monkeypatch.setattr(dev, "with_windows", lambda *command: 0)
-    monkeypatch.setattr(dev, "call", lambda *command: 0)
-    monkeypatch.setattr(
-        dev, "begin", lambda *_: real_begin(sys.executable, "-c", "print('a fault'); exit(1)")
-    )
-    assert dev.main(["test"]) == 1
     printed = capfd.readouterr().out
-    assert "FAILED  mypy" in printed
-    assert "a fault" in printed
-    assert printed.count("passed") == 4
+    assert printed.count("FAILED  mypy (0 s)") == 1
+    assert printed.count("passed") == len(calls) - 1 == 4
 
 
 ONCE = """
@@ -99,7 +81,7 @@ def test_what_failed_in_parallel_is_repeated_alone(
     (tmp_path / "test_it.py").write_text(ONCE.format(fault=fault))
     monkeypatch.setattr(dev, "HERE", tmp_path)
     monkeypatch.setattr(dev, "PYTHON", sys.executable)
-    monkeypatch.setattr(dev, "with_windows", dev.call)
+    monkeypatch.setattr(dev, "LINUX", False)
     passed_alone: list[str] = []
-    assert dev.run_in_parallel(["-n", "2"], passed_alone) == status
+    assert dev.repeating(passed_alone, "-n", "2") == status
     assert passed_alone == ([] if status else ["test_it.py::test_once"])
