@@ -51,6 +51,7 @@ from .decompose import spectral_geometry_filter as spectral_geometry_filter
 from .spectral.eigensolver import Decomposition as Decomposition
 from .spectral.eigensolver import iterate as iterate
 from .spectral.eigensolver import solve as solve
+from .spectral.resolution import resolution_error as resolution_error
 from .spectral.weyl import weyl_count as weyl_count
 from .spectral.weyl import weyl_eigenvalue as weyl_eigenvalue
 

@@ -1,0 +1,254 @@
+"""Resolution: the error of eigenvalues that is due to the size of the triangles.
+
+A `Certificate` compares eigenpairs with those of the matrices. The functions here compare the
+eigenvalues with those of the surface itself: the same triangles, divided without end.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.arrays import FloatArray, IntArray, blocks
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_responses import count_zeros
+from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.progress import CancelCallback, ProgressCallback, check_cancelled
+from meshmash_viewer.spectral.cost import check_memory, free_memory
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+
+#: Values in single precision.
+Columns: TypeAlias = npt.NDArray[np.float32]
+
+#: Estimated error from which the mesh is divided a second time.
+_LARGE = 0.25
+#: Largest relative difference of Rayleigh quotients and eigenvalues of the same matrices.
+_SAME = 1e-3
+#: Number of pairs whose Rayleigh quotients are compared.
+_COMPARED = 8
+#: Values (pairs times vertices of the divided mesh) computed in about half a minute, and the
+#: smallest number of nonzero pairs, for `affordable_pairs`.
+_VALUES, _FEWEST = 4e7, 20
+#: Rows processed at a time.
+_ROWS = 16
+#: Largest cotangent in the flux of `quick_error`: slivers have no flux of their own.
+_STEEPEST = 2.0
+
+
+def resolution_error(
+    mesh: MeshLike,
+    pairs: Eigenpairs,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> FloatArray:
+    """Estimate the relative error of each eigenvalue that is due to the size of the triangles.
+
+    The error is that of the eigenvalue with the same index on the same polyhedral surface, meshed
+    infinitely finely. The mesh is solved again with every face cut in four, with the same
+    Laplacian, and the limit is extrapolated from both solutions [1]_; up to the last pair with an
+    estimate above 25 %, the mesh is divided once more. `affordable_pairs` are computed in about
+    half a minute.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh of the pairs.
+    pairs : Eigenpairs
+        Its lowest k pairs, see `meshmash_viewer.solve`.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    ndarray of float64, shape (k,)
+        Estimates of ``(λ_k - λ) / λ``, negative for eigenvalues that are too low; 0 for zeros.
+
+    Raises
+    ------
+    InputError
+        If the pairs are not those of the mesh, are not the lowest, or the divided mesh does not fit
+        into memory.
+    Cancelled
+        If `cancel` returned True.
+
+    References
+    ----------
+    .. [1] Richardson, L. F. (1911). "The Approximate Arithmetical Solution by Finite Differences of
+       Physical Problems." Philosophical Transactions of the Royal Society A 210.
+
+    Examples
+    --------
+    >>> mv.resolution_error(ball, pairs)[1:4].round(4)
+    array([-0.0029, -0.0029, -0.0029])
+    """
+    from meshmash_viewer.spectral.eigensolver import solve
+
+    mesh, values = as_mesh(mesh), np.asarray(pairs.eigenvalues, dtype=np.float64)
+    if pairs.certificate.low is not None:
+        raise InputError(
+            "The mesh resolution is estimated for the lowest eigenpairs only, not for pairs around"
+            " a shift: omit sigma."
+        )
+    operator, first = _operator_of(mesh, pairs), count_zeros(values)
+    errors, coarse, stop = np.zeros(len(values)), values[first:], len(values)
+    for _ in range(2):
+        if stop <= first:
+            break
+        check_cancelled(cancel)
+        mesh = _cut_in_four(mesh)
+        stiffness, mass = _matrices(mesh, operator)
+        check_memory(mesh.n_vertices, stiffness.nnz, stop, free_memory(), first)
+        found = solve(stiffness, mass, stop, progress=progress, cancel=cancel).eigenvalues
+        fine = found[count_zeros(found) :]
+        count = min(len(fine), stop - first)
+        fine, coarse = fine[:count], coarse[:count]
+        # far from convergence the extrapolated limit may be too low, or negative
+        limit = np.maximum((4.0 * fine - coarse) / 3.0, 0.5 * fine)
+        errors[first : first + count] = values[first : first + count] / limit - 1.0
+        large = np.flatnonzero(np.abs(errors[:stop]) > _LARGE)
+        coarse, stop = fine, int(large[-1]) + 1 if len(large) else 0
+    return errors
+
+
+def affordable_pairs(n_vertices: int, eigenvalues: FloatArray) -> int:
+    """Return the number of leading pairs for which `resolution_error` takes about half a minute."""
+    most = max(int(_VALUES / (4 * n_vertices)), count_zeros(eigenvalues) + _FEWEST)
+    return min(most, len(eigenvalues))
+
+
+def quick_error(mesh: Mesh, pairs: Eigenpairs) -> FloatArray:
+    """Estimate the size of the errors of `resolution_error` from the pairs alone, shape (k,).
+
+    The largest of three numbers:
+
+    - half the difference of the Rayleigh quotients with consistent and lumped masses, between which
+      the eigenvalue lies;
+    - ``λ ⟨h²⟩ / 16``, where h² is the mean squared edge length of the faces around a vertex, and
+      the mean is weighted by φ², so that long edges count where the function is not small;
+    - the squared flux that does not continue across edges, relative to the energy. It is large at
+      necks, corners and touching sheets, where low pairs have errors too.
+    """
+    faces, used, area = mesh.proper_faces, mesh.referenced, mesh.area
+    scaled = mesh.vertices[used] / np.sqrt(area)
+    masses, jumps, lengths = _forms(scaled, (np.cumsum(used) - 1)[faces])
+    values = np.asarray(pairs.eigenvalues, dtype=np.float64) * area
+    errors = np.zeros(len(values))
+    for part in blocks(len(values), _ROWS, count_zeros(values)):
+        rows = np.asarray(pairs.rows[part] if used.all() else pairs.rows[part][:, used])
+        # single precision is sufficient, and takes half the time
+        columns = np.ascontiguousarray(rows.T * np.sqrt(area), dtype=np.float32)
+        across = jumps @ columns
+        # φᵀ(M - C)φ for the lumped M and the consistent C, at most ¾ φᵀMφ
+        gap = np.minimum(_square(columns, masses @ columns), 0.75)
+        waves = values[part] * (lengths @ np.square(columns)) / 16.0
+        flux = _square(across, across) / values[part] / 16.0
+        errors[part] = np.maximum.reduce([0.5 * gap / (1.0 - gap), waves, flux])
+    return errors
+
+
+def _square(columns: Columns, others: Columns) -> FloatArray:
+    return np.asarray(np.einsum("nk,nk->k", columns, others), dtype=np.float64)
+
+
+def _forms(vertices: FloatArray, faces: IntArray) -> tuple[SparseMatrix, SparseMatrix, Columns]:
+    """Return the weights of the sums of `quick_error`, in single precision.
+
+    The results are an upper triangular matrix A, shape (n, n), with ``φᵀ(M - C)φ = φᵀAφ``; a
+    matrix, (e, n), for the flux across each edge that does not continue, times the square root of
+    height by length of its faces, at most 1; and ``∫ h²`` of each vertex, shape (n,).
+    """
+    from scipy import sparse
+
+    n, tiny = len(vertices), np.finfo(np.float64).tiny
+    after = np.roll(faces, -1, axis=1)
+    sides = vertices[after] - vertices[faces]  # ab, bc, ca
+    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)[:, np.newaxis]  # area
+    squares = np.square(sides).sum(axis=2)
+    lengths = np.repeat(doubled * squares.mean(axis=1, keepdims=True) / 6.0, 3)
+
+    edges, numbers = _edges(faces, n)
+    weights = np.bincount(numbers.ravel(), np.repeat(doubled / 24.0, 3))
+    ends = np.bincount(edges[0], weights, n) + np.bincount(edges[1], weights, n)
+    between = sparse.coo_array((-2.0 * weights, (edges[0], edges[1])), shape=(n, n)).tocsr()
+    masses = between + sparse.diags_array(ends)
+
+    ratios = (doubled / np.maximum(squares, tiny)).ravel()
+    heights = np.bincount(numbers.ravel(), ratios) / np.bincount(numbers.ravel()) / np.sqrt(0.75)
+
+    cotangents = -(sides * np.roll(sides, 1, axis=1)).sum(axis=2) / np.maximum(doubled, tiny)
+    cotangents = np.clip(cotangents, -_STEEPEST, _STEEPEST)
+    following = np.roll(cotangents, -1, axis=1)
+    # the flux of φ across side ab is (φ(a) - φ(c)) cot b + (φ(b) - φ(c)) cot a
+    corners = np.stack([faces, after, np.roll(faces, 1, axis=1)])
+    entries = np.stack([following, cotangents, -cotangents - following])
+    entries *= np.sqrt(np.minimum(heights, 1.0))[numbers]
+    places = np.broadcast_to(numbers, corners.shape).ravel()
+    jumps = sparse.coo_array(
+        (entries.ravel(), (places, corners.ravel())), shape=(len(weights), n)
+    ).tocsr()
+    single = np.bincount(faces.ravel(), lengths, n).astype(np.float32)
+    return masses.astype(np.float32), jumps.astype(np.float32), single
+
+
+def _edges(faces: IntArray, n: int) -> tuple[IntArray, IntArray]:
+    """Return the ends of the edges, shape (2, e), and the edges ab, bc, ca of faces, (m, 3)."""
+    after = np.roll(faces, -1, axis=1)
+    keys = np.minimum(faces, after) * n + np.maximum(faces, after)
+    found, numbers = np.unique(keys, return_inverse=True)
+    return np.stack(np.divmod(found, n)), numbers.reshape(-1, 3)
+
+
+def _cut_in_four(mesh: Mesh) -> Mesh:
+    """Return the same surface with every face cut in four at the midpoints of its edges.
+
+    The faces keep their order, on which the robust Laplacian of non-manifold meshes depends.
+    """
+    edges, numbers = _edges(mesh.proper_faces, mesh.n_vertices)
+    (a, b, c), (ab, bc, ca) = mesh.proper_faces.T, (numbers + mesh.n_vertices).T
+    faces = np.stack([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], axis=1).reshape(-1, 3)
+    middles = 0.5 * (mesh.vertices[edges[0]] + mesh.vertices[edges[1]])
+    return Mesh(np.concatenate([mesh.vertices, middles]), faces)
+
+
+def _matrices(mesh: Mesh, operator: OperatorOptions) -> tuple[SparseMatrix, SparseMatrix]:
+    return cotangent_laplacian(mesh, robust=operator.robust, mollify_factor=operator.mollify_factor)
+
+
+def _operator_of(mesh: Mesh, pairs: Eigenpairs) -> OperatorOptions:
+    """Return the options of the Laplacian whose Rayleigh quotients are the eigenvalues."""
+    if pairs.rows.shape[1] != mesh.n_vertices:
+        raise InputError(
+            f"The eigenpairs have {pairs.rows.shape[1]:,} vertices and the mesh"
+            f" {mesh.n_vertices:,}: give the mesh that was decomposed."
+        )
+    known = pairs.operator
+    candidates = [known] if known else [OperatorOptions(), OperatorOptions(robust=False)]
+    differences = [_difference(mesh, pairs, each) for each in candidates]
+    best = int(np.argmin(differences))
+    if not differences[best] < _SAME:
+        raise InputError(
+            "The eigenpairs are not those of a Laplacian of this mesh: give the mesh that was"
+            " decomposed."
+        )
+    return candidates[best]
+
+
+def _difference(mesh: Mesh, pairs: Eigenpairs, operator: OperatorOptions) -> float:
+    """Return the largest relative difference of a few eigenvalues and Rayleigh quotients."""
+    try:
+        stiffness, mass = _matrices(mesh, operator)
+    except InputError:  # faces without area have no cotangents
+        return np.inf
+    used, values = np.flatnonzero(mesh.referenced), np.asarray(pairs.eigenvalues)
+    places = np.unique(np.linspace(0, len(values) - 1, _COMPARED).astype(np.intp))
+    places = places[places >= count_zeros(values)]
+    columns = np.zeros((mesh.n_vertices, len(places)))
+    columns[used] = np.asarray(pairs.rows[places], dtype=np.float64)[:, used].T
+    energy, size = ((columns * (each @ columns)).sum(axis=0) for each in (stiffness, mass))
+    return float(np.abs(energy / size / values[places] - 1.0).max(initial=0.0))
