@@ -27,7 +27,9 @@ mpl.use("agg")
 from matplotlib import pyplot as plt
 
 import meshmash_viewer as mv
+from meshmash_viewer.features.shape import low_pass_vertices
 from meshmash_viewer.samples import sample_path
+from meshmash_viewer.spectral.eigensolver import Decomposition
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 GREY = "#7d8590"
@@ -76,7 +78,7 @@ def dendrite() -> mv.Mesh:
 
 
 @cache
-def pairs() -> mv.Decomposition:
+def pairs() -> Decomposition:
     """Return the 150 lowest eigenpairs of the dendrite."""
     return mv.solve(*mv.cotangent_laplacian(dendrite(), robust=True), 150)
 
@@ -247,7 +249,7 @@ def reconstruction() -> list[Any]:
     known = mv.solve(*mv.cotangent_laplacian(ball()), 150)
     panels = []
     for count in (4, 25, 150):
-        smooth = mv.low_pass_vertices(ball(), known, count)
+        smooth = low_pass_vertices(ball(), known, count)
         moved = np.linalg.norm(smooth - ball().vertices, axis=1)
         mesh = mv.Mesh(smooth, ball().faces)
         panels.append(Surface(f"{count} pairs", mesh, moved, limits=(0.0, 0.1), unit="moved by, m"))

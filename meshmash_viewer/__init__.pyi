@@ -5,10 +5,7 @@ from .errors import InputError as InputError
 from .errors import MeshWarning as MeshWarning
 from .errors import MissingValuesWarning as MissingValuesWarning
 from .errors import TruncationWarning as TruncationWarning
-from .features.points import Points as Points
-from .features.points import ProjectedPoints as ProjectedPoints
 from .features.points import project_points as project_points
-from .features.regions import Regions as Regions
 from .features.regions import regions as regions
 from .health import largest_component as largest_component
 from .health import mesh_health as mesh_health
@@ -20,7 +17,6 @@ from .io.points import read_points as read_points
 from .io.points import write_points as write_points
 from .io.read import read_mesh as read_mesh
 from .io.write import to_napari as to_napari
-from .io.write import unused_path as unused_path
 from .io.write import write_eigenpairs as write_eigenpairs
 from .io.write import write_features as write_features
 from .io.write import write_map_spectrum as write_map_spectrum
@@ -30,7 +26,6 @@ from .mesh import Mesh as Mesh
 from .mesh import mesh_to_poly as mesh_to_poly
 from .surface.curvature import gaussian_curvature as gaussian_curvature
 from .surface.curvature import mean_curvature as mean_curvature
-from .surface.curvature import mixed_areas as mixed_areas
 from .vertex_map import Label as Label
 from .vertex_map import VertexMap as VertexMap
 
@@ -48,16 +43,11 @@ from .decompose import decompose_laplacian as decompose_laplacian
 from .decompose import decompose_laplacian_by_bands as decompose_laplacian_by_bands
 from .decompose import decompose_mesh as decompose_mesh
 from .decompose import spectral_geometry_filter as spectral_geometry_filter
-from .spectral.eigensolver import Decomposition as Decomposition
-from .spectral.eigensolver import iterate as iterate
 from .spectral.eigensolver import solve as solve
 from .spectral.resolution import resolution_error as resolution_error
-from .spectral.weyl import weyl_count as weyl_count
-from .spectral.weyl import weyl_eigenvalue as weyl_eigenvalue
 
 # isort: split
 # Filter banks, and features in two steps
-from .features.filter_responses import hks_times as hks_times
 from .features.filters import FilterBank as FilterBank
 from .features.filters import band_pass_bank as band_pass_bank
 from .features.filters import bspline_bank as bspline_bank
@@ -71,11 +61,9 @@ from .features.filters import wave_kernel_bank as wave_kernel_bank
 from .features.formula import formula_bank as formula_bank
 from .features.sums import Features as Features
 from .features.sums import compute_features as compute_features
-from .features.truncation import Truncation as Truncation
 
 # isort: split
 # Maps through a filter, and on eigenfunctions
-from .features.map_spectrum import MapSpectrum as MapSpectrum
 from .features.map_spectrum import dominant_bands as dominant_bands
 from .features.map_spectrum import map_spectrum as map_spectrum
 from .features.maps import filter_map as filter_map
@@ -84,30 +72,19 @@ from .features.maps import spectral_coefficients as spectral_coefficients
 
 # isort: split
 # Comparing shapes
-from .features.comparison import Comparison as Comparison
-from .features.comparison import FunctionMatches as FunctionMatches
 from .features.comparison import compare_shapes as compare_shapes
 from .features.comparison import corresponding_vertices as corresponding_vertices
-from .features.comparison import match_functions as match_functions
-from .features.functional_map import FunctionalMap as FunctionalMap
 from .features.functional_map import functional_map as functional_map
 from .features.functional_map import zoomout as zoomout
-from .features.shape import distinct_matches as distinct_matches
 from .features.shape import feature_distance as feature_distance
-from .features.shape import low_pass_vertices as low_pass_vertices
-from .features.shape import match_features as match_features
-from .features.shape import spectral_distance as spectral_distance
 
 # isort: split
 # Classes learned from labels
 from .io.models import read_classes as read_classes
 from .io.models import write_classes as write_classes
-from .learn.classes import ClassModel as ClassModel
-from .learn.classes import ClassPrediction as ClassPrediction
 from .learn.classes import predict_classes as predict_classes
 from .learn.classes import train_classes as train_classes
 from .learn.columns import ClassColumns as ClassColumns
-from .learn.training import ClassScores as ClassScores
 
 # isort: split
 # Distances from a vertex
@@ -124,16 +101,6 @@ from .split.stitcher import MeshStitcher as MeshStitcher
 
 # isort: split
 # Domains, and their files
-from .features.domains import aggregate_features as aggregate_features
-from .features.domains import condense_mesh_to_graph as condense_mesh_to_graph
-from .features.domains import expand_features as expand_features
-from .io.condensed import read_condensed_features as read_condensed_features
-from .io.condensed import read_condensed_graph as read_condensed_graph
-from .io.condensed import read_id_map as read_id_map
-from .io.condensed import write_condensed_features as write_condensed_features
-from .io.condensed import write_condensed_graph as write_condensed_graph
-from .io.condensed import write_id_map as write_id_map
-from .split.condensed import CondensedHKS as CondensedHKS
 from .split.condensed import condensed_hks_pipeline as condensed_hks_pipeline
 
 # isort: split

@@ -16,6 +16,7 @@ import trimesh
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.pieces import aggregate_features
 
 MESH = shapes.icosphere(1)
 VERTICES, FACES = MESH
@@ -140,7 +141,7 @@ def test_a_model_is_no_path(model: Any) -> None:
 @pytest.mark.parametrize("values", [["a"] * N, [None, "a"] * (N // 2), [[1, 2], [3]] * (N // 2)])
 def test_features_of_domains_are_numbers(values: Any) -> None:
     with pytest.raises(InputError, match="Features of domains are numbers"):
-        mv.aggregate_features(values, np.zeros(N, int))
+        aggregate_features(values, np.zeros(N, int))
 
 
 @pytest.mark.parametrize("limit", [*NO_NUMBERS[1:], "0.5 µm", np.nan, -1])

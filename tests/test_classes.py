@@ -16,6 +16,7 @@ from tiers import slow
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.learn import Classifier
+from meshmash_viewer.learn.classes import ClassModel
 from meshmash_viewer.learn.columns import diffused
 from meshmash_viewer.model.classes import ClassesJob, ClassOptions
 from meshmash_viewer.progress import Cancelled
@@ -51,7 +52,7 @@ def strokes(blob: mv.Mesh, truth: np.ndarray) -> mv.VertexMap:
 
 
 @pytest.fixture(scope="module", params=["ensemble", slow("forest"), "logistic"])
-def model(request: pytest.FixtureRequest, blob: mv.Mesh, strokes: mv.VertexMap) -> mv.ClassModel:
+def model(request: pytest.FixtureRequest, blob: mv.Mesh, strokes: mv.VertexMap) -> ClassModel:
     return mv.train_classes(blob, strokes, COLUMNS, request.param)
 
 
@@ -66,7 +67,7 @@ def f1(mesh: mv.Mesh, truth: np.ndarray, found: np.ndarray) -> float:
 
 
 def test_classes_are_learned_from_strokes(
-    blob: mv.Mesh, truth: np.ndarray, model: mv.ClassModel
+    blob: mv.Mesh, truth: np.ndarray, model: ClassModel
 ) -> None:
     found = mv.predict_classes(blob, model)
     assert f1(blob, truth, found.labels.values) > 0.84
@@ -80,7 +81,7 @@ def test_classes_are_learned_from_strokes(
 
 @pytest.mark.parametrize(("unit", "scale"), [slow("nm", 1.0), ("µm", 1e-3)])
 def test_a_turned_permuted_copy_in_another_unit_gets_the_same_classes(
-    blob: mv.Mesh, model: mv.ClassModel, unit: str, scale: float
+    blob: mv.Mesh, model: ClassModel, unit: str, scale: float
 ) -> None:
     copy, there = shapes.moved_copy(blob, scale)
     moved = mv.Mesh((copy.vertices - 9.0) + scale * 9.0, copy.faces, unit)
@@ -91,7 +92,7 @@ def test_a_turned_permuted_copy_in_another_unit_gets_the_same_classes(
 
 
 def test_scores_are_those_of_strokes_left_out(
-    blob: mv.Mesh, strokes: mv.VertexMap, truth: np.ndarray, model: mv.ClassModel
+    blob: mv.Mesh, strokes: mv.VertexMap, truth: np.ndarray, model: ClassModel
 ) -> None:
     scores = model.scores
     assert scores is not None
@@ -250,7 +251,7 @@ def test_vertices_without_faces_have_no_class(blob: mv.Mesh, strokes: mv.VertexM
 
 @pytest.mark.parametrize("model", ["logistic"], indirect=True)
 def test_a_mesh_without_a_unit_is_that_of_the_training_or_refused(
-    blob: mv.Mesh, strokes: mv.VertexMap, model: mv.ClassModel
+    blob: mv.Mesh, strokes: mv.VertexMap, model: ClassModel
 ) -> None:
     bare = blob.in_unit("")
     with pytest.raises(mv.InputError, match=r"blob has no unit of length.* in nm²: say"):
@@ -370,7 +371,7 @@ def test_spines_of_another_dendrite_are_learned_from_sixty_strokes(
     columns = mv.ClassColumns(5e4, 2e7, 1e-5, "nm", kinds=("curvature",))
     known, seen = columns.compute(mesh), columns.compute(other)
 
-    def trained(labels: mv.VertexMap) -> tuple[mv.ClassModel, float]:
+    def trained(labels: mv.VertexMap) -> tuple[ClassModel, float]:
         """Return a model and its area-weighted F1 on the other dendrite."""
         model = mv.train_classes(mesh, labels, columns, features=known, scored=labels is not truth)
         return model, f1(
@@ -401,7 +402,7 @@ def sizes() -> dict[int, mv.Mesh]:
     }
 
 
-def trained(mesh: mv.Mesh, columns: mv.ClassColumns) -> mv.ClassModel:
+def trained(mesh: mv.Mesh, columns: mv.ClassColumns) -> ClassModel:
     parts = mv.VertexMap("parts", np.where(mesh.vertices[:, 0] > 0.5, 1, 2), labels=LABELS)
     return mv.train_classes(mesh, parts, columns, "logistic", scored=False)
 

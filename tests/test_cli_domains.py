@@ -14,6 +14,12 @@ from meshmash_viewer.cli.main import main
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.io.write import write_mesh
+from meshmash_viewer.pieces import (
+    aggregate_features,
+    read_condensed_features,
+    read_condensed_graph,
+    write_condensed_features,
+)
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -61,12 +67,12 @@ def test_several_meshes_are_condensed_and_one_fault_ends_nothing(
         "A.npz", "B.npz", "nodes_header.txt", "edges_header.txt",
     }  # fmt: skip
     mesh = mv.read_mesh("A.ply")
-    features, labels = mv.read_condensed_features("features/A.npz")
-    nodes, _ = mv.read_condensed_graph("graphs/A.npz")
+    features, labels = read_condensed_features("features/A.npz")
+    nodes, _ = read_condensed_graph("graphs/A.npz")
     assert len(labels) == mesh.n_vertices
     assert len(features) - 1 == len(nodes) == labels.max() + 1 > 3
     assert nodes["area"].sum() == pytest.approx(mesh.area, rel=0.05)  # after decimation, in nm²
-    assert mv.read_condensed_graph("graphs/B.npz")[0]["area"].sum() == pytest.approx(
+    assert read_condensed_graph("graphs/B.npz")[0]["area"].sum() == pytest.approx(
         nodes["area"].sum(), rel=0.01
     )
     assert f"features/A.npz: {len(nodes)} domains of " in said.out
@@ -134,8 +140,8 @@ def test_classes_of_domains_are_those_of_their_means(here: Path) -> None:
     # the same on the command line
     mv.write_classes("model.skops", model)
     Path("domains").mkdir()
-    table = mv.aggregate_features(features, domains)
-    mv.write_condensed_features("domains/A.npz", table, domains)
+    table = aggregate_features(features, domains)
+    write_condensed_features("domains/A.npz", table, domains)
     assert main(["predict", "A.ply", "--model", "model.skops", "--domains", "domains/", "-o",
                  "out.npz"]) == 0  # fmt: skip
     written = mv.read_maps("out.npz", mesh)[0]

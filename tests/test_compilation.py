@@ -77,7 +77,6 @@ def without_compiler(code: str) -> subprocess.CompletedProcess[str]:
         ["mv.solve(L, M, 2)"],
         [
             "mv.solve(L, M, 2)",
-            "list(mv.iterate(L, M, 2))",
             "mv.compute_hks(mesh, max_eigenvalue=1.0)",
             "preview()",
             "mv.view(mesh)",

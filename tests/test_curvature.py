@@ -7,6 +7,7 @@ import pytest
 import shapes
 
 import meshmash_viewer as mv
+from meshmash_viewer.surface.curvature import mixed_areas
 
 
 def torus(count: int, far: float = 2.0, near: float = 0.7) -> tuple[mv.Mesh, np.ndarray]:
@@ -106,16 +107,16 @@ def test_a_surface_with_one_side_is_not_to_be_repaired() -> None:
 
 def test_mixed_areas_are_those_by_which_curvatures_divide() -> None:
     mesh, _ = torus(20)
-    areas = mv.mixed_areas(mesh)
+    areas = mixed_areas(mesh)
     assert areas.sum() == pytest.approx(mesh.area, rel=1e-12)
     assert (mv.gaussian_curvature(mesh) * areas).sum() == pytest.approx(0.0, abs=1e-9)
     # A corner of an equilateral triangle has a third of the area, a right angle a half.
     equilateral = [[0, 0, 0], [1, 0, 0], [0.5, np.sqrt(0.75), 0]]
-    np.testing.assert_allclose(mv.mixed_areas((equilateral, [[0, 1, 2]])), np.sqrt(3.0) / 12.0)
+    np.testing.assert_allclose(mixed_areas((equilateral, [[0, 1, 2]])), np.sqrt(3.0) / 12.0)
     right = [[0, 0, 0], [4, 0, 0], [0, 3, 0], [9, 9, 9]]
-    np.testing.assert_allclose(mv.mixed_areas((right, [[0, 1, 2]])), [3.0, 1.5, 1.5, 0.0])
+    np.testing.assert_allclose(mixed_areas((right, [[0, 1, 2]])), [3.0, 1.5, 1.5, 0.0])
     obtuse = [[0, 0, 0], [4, 0, 0], [-3, 1, 0]]
-    np.testing.assert_allclose(mv.mixed_areas((obtuse, [[0, 1, 2]])), [1.0, 0.5, 0.5])
+    np.testing.assert_allclose(mixed_areas((obtuse, [[0, 1, 2]])), [1.0, 0.5, 0.5])
     acute = np.array([[0, 0, 0], [4, 0, 0], [1, 3, 0.0]])
     centre = np.array([2.0, 1.0, 0.0])  # of the circumcircle
     cells = [
@@ -127,13 +128,13 @@ def test_mixed_areas_are_those_by_which_curvatures_divide() -> None:
         )
         for i in range(3)
     ]
-    np.testing.assert_allclose(mv.mixed_areas((acute, [[0, 1, 2]])), cells)
+    np.testing.assert_allclose(mixed_areas((acute, [[0, 1, 2]])), cells)
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 def test_mixed_areas_sum_to_the_area_of_any_mesh(scale: float, neuron: mv.Mesh) -> None:
     mesh = mv.Mesh(neuron.vertices * scale, neuron.faces)
-    areas = mv.mixed_areas(mesh)
+    areas = mixed_areas(mesh)
     assert areas.sum() == pytest.approx(mesh.area, rel=1e-9)
     assert (areas[mesh.unreferenced] == 0.0).all()
     assert (areas[mesh.referenced] >= 0.0).all()

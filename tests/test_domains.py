@@ -12,6 +12,12 @@ import shapes
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.pieces import (
+    CondensedHKS,
+    aggregate_features,
+    condense_mesh_to_graph,
+    expand_features,
+)
 from meshmash_viewer.samples import sample_path
 from meshmash_viewer.split.domains import ward_domains
 from meshmash_viewer.split.partition import edge_graph
@@ -25,12 +31,12 @@ QUICK: dict[str, Any] = {
 }  # fmt: skip
 
 
-def condensed(mesh: Any, **arguments: Any) -> mv.CondensedHKS:
+def condensed(mesh: Any, **arguments: Any) -> CondensedHKS:
     with warnings.catch_warnings(action="ignore", category=mv.TruncationWarning):
         return mv.condensed_hks_pipeline(mesh, **{**QUICK, **arguments})
 
 
-def as_bytes(found: mv.CondensedHKS) -> list[bytes]:
+def as_bytes(found: CondensedHKS) -> list[bytes]:
     tables = (found.condensed_features, found.condensed_nodes, found.condensed_edges)
     arrays = [found.labels, found.simple_labels, found.mapping, found.simple_mesh.vertices]
     return [np.asarray(each).tobytes() for each in (*arrays, *tables, found.seams)]
@@ -42,7 +48,7 @@ def sample() -> Mesh:
 
 
 @pytest.fixture(scope="module")
-def found(sample: Mesh) -> mv.CondensedHKS:
+def found(sample: Mesh) -> CondensedHKS:
     return condensed(sample, n_jobs=1)
 
 
@@ -61,7 +67,7 @@ def test_means_are_those_of_a_loop(sphere: Mesh, patches: np.ndarray) -> None:
     values = np.stack([sphere.vertices[:, 0], np.arange(sphere.n_vertices) ** 0.5], axis=1)
     values[::7, 1] = np.nan
     areas = sphere.vertex_areas
-    means = mv.aggregate_features(values, patches, areas)
+    means = aggregate_features(values, patches, areas)
     assert means.index.tolist() == [-1, 0, 1, 2, 3, 4]
     assert np.isnan(means.loc[-1]).all()
     for domain in range(5):
@@ -69,30 +75,30 @@ def test_means_are_those_of_a_loop(sphere: Mesh, patches: np.ndarray) -> None:
             has = (patches == domain) & np.isfinite(values[:, column])
             expected = np.average(values[has, column], weights=areas[has])
             assert means.loc[domain, column] == pytest.approx(expected, rel=1e-12)
-    expanded = mv.expand_features(means, patches)
+    expanded = expand_features(means, patches)
     for vertex in range(0, sphere.n_vertices, 13):
         row = means.loc[patches[vertex]].to_numpy()
         np.testing.assert_array_equal(expanded.loc[vertex].to_numpy(), row)
-    alone = mv.expand_features(means.to_numpy()[1:, 0], patches)
+    alone = expand_features(means.to_numpy()[1:, 0], patches)
     np.testing.assert_array_equal(alone, expanded[0].to_numpy())
 
 
 def test_domains_without_weight_have_the_plain_mean_and_absent_ones_none() -> None:
-    means = mv.aggregate_features([1.0, 3.0, 5.0, 9.0], [0, 0, 2, 2], [0.0, 0.0, 1.0, 3.0])
+    means = aggregate_features([1.0, 3.0, 5.0, 9.0], [0, 0, 2, 2], [0.0, 0.0, 1.0, 3.0])
     np.testing.assert_array_equal(means[0], [np.nan, 2.0, np.nan, 8.0])
 
 
 @pytest.mark.parametrize(
     ("call", "fault"),
     [
-        (lambda: mv.aggregate_features(np.ones(3), [0, 1]), "one whole number for each of the 3"),
-        (lambda: mv.aggregate_features(np.ones(2), [0.0, 1.0]), "type float64"),
-        (lambda: mv.aggregate_features(np.ones(2), [0, -2]), "is -2: domains are numbered from 0"),
-        (lambda: mv.aggregate_features(np.ones(2), [0, 1], [1, -1]), "one number from 0"),
-        (lambda: mv.expand_features([1.0, 2.0], [0, 5]), "Domain 5 has no row"),
-        (lambda: mv.condense_mesh_to_graph(shapes.icosphere(1), np.full(42, -1)), "all labels"),
+        (lambda: aggregate_features(np.ones(3), [0, 1]), "one whole number for each of the 3"),
+        (lambda: aggregate_features(np.ones(2), [0.0, 1.0]), "type float64"),
+        (lambda: aggregate_features(np.ones(2), [0, -2]), "is -2: domains are numbered from 0"),
+        (lambda: aggregate_features(np.ones(2), [0, 1], [1, -1]), "one number from 0"),
+        (lambda: expand_features([1.0, 2.0], [0, 5]), "Domain 5 has no row"),
+        (lambda: condense_mesh_to_graph(shapes.icosphere(1), np.full(42, -1)), "all labels"),
         (
-            lambda: mv.condense_mesh_to_graph(shapes.icosphere(1), np.zeros(42, int), [1, 2]),
+            lambda: condense_mesh_to_graph(shapes.icosphere(1), np.zeros(42, int), [1, 2]),
             "give x, y and z",
         ),
     ],
@@ -104,7 +110,7 @@ def test_what_does_not_match_is_one_sentence(call: Any, fault: str) -> None:
 
 
 def test_the_graph_is_that_of_a_loop(sphere: Mesh, patches: np.ndarray) -> None:
-    nodes, edges = mv.condense_mesh_to_graph(sphere, patches, nuc_point=[0.0, 0.0, 5.0])
+    nodes, edges = condense_mesh_to_graph(sphere, patches, nuc_point=[0.0, 0.0, 5.0])
     lengths: dict[tuple[int, int], float] = {}
     mesh_edges: dict[tuple[int, int], set[tuple[int, int]]] = {}
     for face in sphere.faces:
@@ -133,14 +139,14 @@ def test_the_graph_is_that_of_a_loop(sphere: Mesh, patches: np.ndarray) -> None:
         assert nodes["distance_to_nucleus"][domain] == pytest.approx(away)
 
 
-def test_sums_of_the_graph_are_those_of_the_mesh(found: mv.CondensedHKS) -> None:
+def test_sums_of_the_graph_are_those_of_the_mesh(found: CondensedHKS) -> None:
     nodes, edges = found.condensed_nodes, found.condensed_edges
     assert nodes["area"].sum() == pytest.approx(found.simple_mesh.area, rel=1e-12)
     assert nodes["n_vertices"].sum() == found.simple_mesh.n_vertices
     assert (nodes["component_area"] == nodes["component_area"][0]).all()
     # Domains in the opposite order give the same lengths.
     reversed_ = found.n_domains - 1 - found.simple_labels
-    again = mv.condense_mesh_to_graph(found.simple_mesh, reversed_)[1]
+    again = condense_mesh_to_graph(found.simple_mesh, reversed_)[1]
     back = {
         (found.n_domains - 1 - b, found.n_domains - 1 - a): length
         for a, b, length in again[["source", "target", "boundary_length"]].itertuples(index=False)
@@ -158,7 +164,7 @@ def test_a_domain_in_two_components_has_that_of_its_lowest_vertex() -> None:
     small, large = shapes.icosphere(1), shapes.icosphere(2)
     vertices = np.concatenate([small.vertices, large.vertices + 9.0])
     mesh = Mesh(vertices, np.concatenate([small.faces, large.faces + small.n_vertices]))
-    nodes, _ = mv.condense_mesh_to_graph(mesh, np.zeros(mesh.n_vertices, dtype=int))
+    nodes, _ = condense_mesh_to_graph(mesh, np.zeros(mesh.n_vertices, dtype=int))
     assert nodes["component_n_vertices"].tolist() == [small.n_vertices]
 
 
@@ -210,7 +216,7 @@ def test_small_components_and_vertices_without_faces_are_in_no_domain() -> None:
 # The pipeline ---------------------------------------------------------------------------------
 
 
-def test_the_result_has_the_fields_of_meshmash_and_two_more(found: mv.CondensedHKS) -> None:
+def test_the_result_has_the_fields_of_meshmash_and_two_more(found: CondensedHKS) -> None:
     assert found._fields == (
         "simple_mesh", "mapping", "stitcher", "simple_labels", "labels", "condensed_features",
         "condensed_nodes", "condensed_edges", "timing_info", "truncation", "seams",
@@ -231,15 +237,13 @@ def test_the_result_has_the_fields_of_meshmash_and_two_more(found: mv.CondensedH
 
 @pytest.mark.parametrize("n_jobs", [2, 4])
 def test_bit_identical_for_any_number_of_processes(
-    sample: Mesh, found: mv.CondensedHKS, n_jobs: int
+    sample: Mesh, found: CondensedHKS, n_jobs: int
 ) -> None:
     assert as_bytes(condensed(sample, n_jobs=n_jobs)) == as_bytes(found)
 
 
 @pytest.mark.slow
-def test_the_order_of_pieces_changes_nothing(
-    found: mv.CondensedHKS, rng: np.random.Generator
-) -> None:
+def test_the_order_of_pieces_changes_nothing(found: CondensedHKS, rng: np.random.Generator) -> None:
     mesh, pieces = found.simple_mesh, found.stitcher.submesh_mapping
     values, graph = mesh.vertices / 700.0, edge_graph(mesh)
     expected = ward_domains(values, graph, pieces, 3.0)
@@ -248,11 +252,11 @@ def test_the_order_of_pieces_changes_nothing(
         np.testing.assert_array_equal(ward_domains(values, graph, order[pieces], 3.0), expected)
 
 
-def test_cuts_leave_the_domains_as_they_are_elsewhere(found: mv.CondensedHKS) -> None:
+def test_cuts_leave_the_domains_as_they_are_elsewhere(found: CondensedHKS) -> None:
     from sklearn.metrics import adjusted_rand_score
 
     mesh, pieces = found.simple_mesh, found.stitcher.submesh_mapping
-    values = np.log(np.asarray(mv.expand_features(
+    values = np.log(np.asarray(expand_features(
         np.exp(found.condensed_features[["hks_0", "hks_5"]]), found.simple_labels
     ))) + mesh.vertices[:, :2] / 30_000.0  # fmt: skip
     graph = edge_graph(mesh)
@@ -281,7 +285,7 @@ def test_the_columns_say_what_is_missing(sample: Mesh) -> None:
 
 
 @pytest.mark.slow
-def test_a_mesh_in_another_unit_has_the_same_domains(sample: Mesh, found: mv.CondensedHKS) -> None:
+def test_a_mesh_in_another_unit_has_the_same_domains(sample: Mesh, found: CondensedHKS) -> None:
     in_um = Mesh(sample.vertices / 1000.0, sample.faces, unit="µm")
     other = condensed(in_um, n_jobs=1)
     assert other.n_domains == pytest.approx(found.n_domains, rel=0.05)

@@ -13,12 +13,14 @@ from scipy.spatial import KDTree
 from tiers import slow, slow_but
 
 import meshmash_viewer as mv
+from meshmash_viewer.features.functional_map import FunctionalMap
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.samples import sample_path
+from meshmash_viewer.spectral.eigensolver import Decomposition
 
 
 @cache
-def pairs_of(mesh: mv.Mesh, count: int = 60) -> mv.Decomposition:
+def pairs_of(mesh: mv.Mesh, count: int = 60) -> Decomposition:
     return mv.solve(*mv.cotangent_laplacian(mesh, robust=True), count)
 
 
@@ -74,9 +76,7 @@ def test_a_landmark_distinguishes_the_sides_of_a_symmetric_shape() -> None:
     assert np.mean(found.matches.indices == there) >= 0.99
 
 
-def found_with(
-    mesh: mv.Mesh, copy: mv.Mesh, count: int = 40, functions: int = 15
-) -> mv.FunctionalMap:
+def found_with(mesh: mv.Mesh, copy: mv.Mesh, count: int = 40, functions: int = 15) -> FunctionalMap:
     """Return the refined map between two meshes, with vertices matched by position."""
     first, second = pairs_of(mesh, count), pairs_of(copy, count)
     start = mv.functional_map(first, second, n_functions=functions, meshes=(mesh, copy))

@@ -76,6 +76,8 @@ def layer(module: str) -> str:
     first = module.split(".")[1] if "." in module else ""
     if first in ("fields", "io", "model", "app"):
         return first
+    if first == "pieces":  # public names of numerics and files
+        return "io"
     return "cli" if first in ("cli", "__main__") else "numerics"
 
 

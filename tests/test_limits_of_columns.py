@@ -13,7 +13,7 @@ import shapes
 import meshmash_viewer as mv
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.cli.parser import COMMANDS, parsed_command
-from meshmash_viewer.features.filter_responses import MOST_FILTERS
+from meshmash_viewer.features.filter_responses import MOST_FILTERS, hks_times
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.sihks import invariant_columns
 from meshmash_viewer.spectral import cost
@@ -23,7 +23,7 @@ EIGENVALUES = np.arange(50.0)
 MANY = 10**9
 #: Functions of a number of columns.
 FUNCTIONS: dict[str, Callable[[int], Any]] = {
-    "hks_times": lambda count: mv.hks_times(EIGENVALUES, n_scales=count),
+    "hks_times": lambda count: hks_times(EIGENVALUES, n_scales=count),
     "get_hks_filter": lambda count: mv.get_hks_filter(2.0, 1.0, count),
     "wave_kernel_bank": lambda count: mv.wave_kernel_bank(EIGENVALUES, count),
     "bspline_bank": lambda count: mv.bspline_bank(0.0, 1.0, count),

@@ -11,8 +11,9 @@ import shapes
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.map_spectrum import band_edges
+from meshmash_viewer.features.map_spectrum import MapSpectrum, band_edges
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.eigensolver import Decomposition
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def mesh() -> mv.Mesh:
 
 
 @pytest.fixture(scope="module")
-def every_pair(mesh: mv.Mesh) -> mv.Decomposition:
+def every_pair(mesh: mv.Mesh) -> Decomposition:
     L, M = mv.cotangent_laplacian(mesh, robust=True)
     return mv.solve(L, M, n_components=mesh.n_vertices)
 
@@ -103,7 +104,7 @@ def test_the_dominant_band_is_that_of_the_stronger_wave(every_pair) -> None:
 
 
 def test_zeros_alone_have_no_bands(mesh) -> None:
-    zeros = mv.MapSpectrum(np.zeros(2), np.ones(2), 2.0)
+    zeros = MapSpectrum(np.zeros(2), np.ones(2), 2.0)
     assert len(band_edges(zeros.eigenvalues)) == 0
     assert (mv.dominant_bands(zeros, np.ones((2, 5))) == -1).all()
 

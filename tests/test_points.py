@@ -17,6 +17,7 @@ import shapes
 import meshmash_viewer as mv
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.points import Points
 from meshmash_viewer.io.write import write_mesh
 
 BALL = shapes.icosphere(3, radius=4000.0).in_unit("nm")
@@ -255,12 +256,12 @@ def test_other_bad_input(tmp_path: Path) -> None:
         ),
         (lambda: mv.read_points(tmp_path / "none.csv"), "cannot be read"),
         (lambda: mv.read_points(tmp_path / "s.csv", position="q"), "s.csv has no position 'q'"),
-        (lambda: mv.Points([[1.0, 2.0]]), "give positions (k, 3)"),
-        (lambda: mv.Points([[np.nan, 0, 0]]), "1 point of 1 not finite: leave it out."),
+        (lambda: Points([[1.0, 2.0]]), "give positions (k, 3)"),
+        (lambda: Points([[np.nan, 0, 0]]), "1 point of 1 not finite: leave it out."),
         (lambda: mv.project_points(BALL, [[0, 0, 4e3]], -1.0), "give a number from 0"),
         (lambda: mv.project_points(BALL, [[0, 0, 0]], 5.0), "No point is within 5 nm of the mesh;"),
         (
-            lambda: mv.project_points(shapes.icosphere(1), mv.Points([[0, 0, 1]], unit="nm")),
+            lambda: mv.project_points(shapes.icosphere(1), Points([[0, 0, 1]], unit="nm")),
             "The mesh states no unit, and the points are in nm",
         ),
     ]
@@ -282,9 +283,9 @@ def test_points_in_voxels_are_refused_with_their_likely_size() -> None:
     assert "100 of 100 points lie outside the box of the mesh" in str(fault.value)
     assert "in 4 × 4 × 40 nm 100" in str(fault.value)
     assert "give this unit (--points-unit, unit=)" in str(fault.value)
-    found = mv.project_points(FAR, mv.Points(places, unit="4 x 4 x 40 nm"))
+    found = mv.project_points(FAR, Points(places, unit="4 x 4 x 40 nm"))
     np.testing.assert_array_equal(found.vertices, np.arange(100))
-    in_microns = mv.project_points(FAR, mv.Points(FAR.vertices[:9] / 1000.0, unit="µm"))
+    in_microns = mv.project_points(FAR, Points(FAR.vertices[:9] / 1000.0, unit="µm"))
     np.testing.assert_array_equal(in_microns.vertices, np.arange(9))
     mixed = np.vstack([places, FAR.vertices[:30]])  # most are far: a remark, no error
     (remark,) = mv.project_points(FAR, mixed).remarks

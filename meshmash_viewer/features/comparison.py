@@ -68,7 +68,7 @@ class FunctionMatches:
     --------
     >>> box = trimesh.creation.box((1, 2, 3)).subdivide().subdivide()
     >>> pairs = mv.solve(*mv.cotangent_laplacian(box), 4)
-    >>> found = mv.match_functions(pairs, pairs, np.arange(len(box.vertices)))
+    >>> found = match_functions(pairs, pairs, np.arange(len(box.vertices)))
     >>> found.indices, found.signs
     (array([0, 1, 2, 3]), array([1., 1., 1., 1.]))
     """
@@ -493,7 +493,7 @@ def match_functions(
     >>> turn = trimesh.transformations.rotation_matrix(1.0, [0.0, 0.0, 1.0])
     >>> turned = box.copy().apply_transform(turn)
     >>> first, second = (mv.solve(*mv.cotangent_laplacian(mesh), 4) for mesh in (box, turned))
-    >>> mv.match_functions(first, second, np.arange(len(box.vertices))).indices
+    >>> match_functions(first, second, np.arange(len(box.vertices))).indices
     array([0, 1, 2, 3])
     """
     from scipy.optimize import linear_sum_assignment

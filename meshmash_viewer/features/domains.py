@@ -75,7 +75,7 @@ def aggregate_features(
     Examples
     --------
     >>> halves = (ball.vertices[:, 2] > 0).astype(int)
-    >>> mv.aggregate_features(ball.vertices[:, 2], halves)[0].round(2).tolist()
+    >>> aggregate_features(ball.vertices[:, 2], halves)[0].round(2).tolist()
     [nan, -0.48, 0.53]
     """
     try:
@@ -130,7 +130,7 @@ def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike)
 
     Examples
     --------
-    >>> mv.expand_features([10.0, 20.0], [0, 1, -1, 1])
+    >>> expand_features([10.0, 20.0], [0, 1, -1, 1])
     array([10., 20., nan, 20.])
     """
     require("pandas")
@@ -173,7 +173,7 @@ def condense_mesh_to_graph(
 
     Examples
     --------
-    >>> nodes, edges = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
+    >>> nodes, edges = condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
     >>> nodes["area"].round(1).tolist(), edges["source"].tolist(), edges["target"].tolist()
     ([6.6, 5.9], [0], [1])
     """

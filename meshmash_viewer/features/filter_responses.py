@@ -96,7 +96,7 @@ def hks_times(
 
     Examples
     --------
-    >>> mv.hks_times([0.0, 2.0], t_min=1.0, t_max=100.0, n_scales=3)
+    >>> hks_times([0.0, 2.0], t_min=1.0, t_max=100.0, n_scales=3)
     array([  1.,  10., 100.])
     """
     n_scales = whole_number(n_scales, "The number of time scales", MOST_FILTERS)

@@ -76,7 +76,7 @@ class Points:
 
     Examples
     --------
-    >>> two = mv.Points([[0, 0, 1.01], [0, 1, 0]], {"size": np.array([3, 4])})
+    >>> two = Points([[0, 0, 1.01], [0, 1, 0]], {"size": np.array([3, 4])})
     >>> len(two), two.summed
     (2, ('size',))
     """

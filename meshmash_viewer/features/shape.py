@@ -149,7 +149,7 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Eigenpairs, n: int) -> Floa
 
     Examples
     --------
-    >>> smooth = mv.low_pass_vertices(ball, pairs, 4)
+    >>> smooth = low_pass_vertices(ball, pairs, 4)
     >>> bool(np.abs(smooth - ball.vertices).max() < 0.01)
     True
     """
@@ -209,7 +209,7 @@ def spectral_distance(
     Examples
     --------
     >>> small, large = (trimesh.creation.icosphere(3, radius) for radius in (1.0, 5.0))
-    >>> round(mv.spectral_distance(small, large, 20), 6)
+    >>> round(spectral_distance(small, large, 20), 6)
     0.0
     """
     from meshmash_viewer.spectral.eigensolver import solve
@@ -266,7 +266,7 @@ def match_features(
     Examples
     --------
     >>> first, second = [[0.0], [1.0], [2.0]], [[2.1], [0.1], [1.1]]
-    >>> mv.match_features(first, second).indices
+    >>> match_features(first, second).indices
     array([1, 2, 0])
     """
     values_a, values_b = _values(a), _values(b)
@@ -314,7 +314,7 @@ def distinct_matches(
     Examples
     --------
     >>> places = np.array([[0.0, 0, 0], [0.1, 0, 0], [5.0, 0, 0]])
-    >>> mv.distinct_matches(np.array([0.2, 0.3, 0.4]), places, radius=1.0)
+    >>> distinct_matches(np.array([0.2, 0.3, 0.4]), places, radius=1.0)
     array([0, 2])
     """
     left = np.where(np.isfinite(distances), distances, np.inf)

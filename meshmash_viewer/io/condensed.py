@@ -63,9 +63,9 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
     Examples
     --------
     >>> halves = (ball.vertices[:, 2] > 0).astype(int)
-    >>> means = mv.aggregate_features(ball.vertices, halves)
-    >>> mv.write_condensed_features(folder / "halves.npz", means, halves)
-    >>> mv.read_condensed_features(folder / "halves.npz")[0].shape
+    >>> means = aggregate_features(ball.vertices, halves)
+    >>> write_condensed_features(folder / "halves.npz", means, halves)
+    >>> read_condensed_features(folder / "halves.npz")[0].shape
     (3, 3)
     """
     known = checked_labels(labels, len(np.asarray(labels)))
@@ -88,9 +88,9 @@ def read_condensed_features(path: str | Path) -> tuple[DataFrame, IntArray]:
     Examples
     --------
     >>> halves = (ball.vertices[:, 2] > 0).astype(int)
-    >>> means = mv.aggregate_features(ball.vertices, halves)
-    >>> mv.write_condensed_features(folder / "halves.npz", means, halves)
-    >>> mv.read_condensed_features(folder / "halves.npz")[0].index.tolist()
+    >>> means = aggregate_features(ball.vertices, halves)
+    >>> write_condensed_features(folder / "halves.npz", means, halves)
+    >>> read_condensed_features(folder / "halves.npz")[0].index.tolist()
     [-1, 0, 1]
     """
     with _reading(path, "X", "labels") as (values, labels):
@@ -126,9 +126,9 @@ def write_condensed_graph(path: str | Path, nodes: DataFrame, edges: DataFrame) 
 
     Examples
     --------
-    >>> graph = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
-    >>> mv.write_condensed_graph(folder / "graph.npz", *graph)
-    >>> nodes, edges = mv.read_condensed_graph(folder / "graph.npz")
+    >>> graph = condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
+    >>> write_condensed_graph(folder / "graph.npz", *graph)
+    >>> nodes, edges = read_condensed_graph(folder / "graph.npz")
     >>> len(nodes), edges["source"].tolist(), edges["target"].tolist()
     (2, [0], [1])
     """
@@ -147,9 +147,9 @@ def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
 
     Examples
     --------
-    >>> graph = mv.condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
-    >>> mv.write_condensed_graph(folder / "graph.npz", *graph)
-    >>> [len(each) for each in mv.read_condensed_graph(folder / "graph.npz")]
+    >>> graph = condense_mesh_to_graph(ball, (ball.vertices[:, 2] > 0).astype(int))
+    >>> write_condensed_graph(folder / "graph.npz", *graph)
+    >>> [len(each) for each in read_condensed_graph(folder / "graph.npz")]
     [2, 1]
     """
     with _reading(path, "nodes", "edges") as (nodes, edges):
@@ -173,8 +173,8 @@ def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) 
 
     Examples
     --------
-    >>> mv.write_id_map(folder / "ids.npz", [7001, 7002], [12, 640])
-    >>> ids, vertices = mv.read_id_map(folder / "ids.npz")
+    >>> write_id_map(folder / "ids.npz", [7001, 7002], [12, 640])
+    >>> ids, vertices = read_id_map(folder / "ids.npz")
     >>> ids.tolist(), vertices.tolist()
     ([7001, 7002], [12, 640])
     """
@@ -194,8 +194,8 @@ def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
 
     Examples
     --------
-    >>> mv.write_id_map(folder / "ids.npz", [7001, 7002], [12, 640])
-    >>> mv.read_id_map(folder / "ids.npz")[1].tolist()
+    >>> write_id_map(folder / "ids.npz", [7001, 7002], [12, 640])
+    >>> read_id_map(folder / "ids.npz")[1].tolist()
     [12, 640]
     """
     with _reading(path, ID_MAP) as (found,):

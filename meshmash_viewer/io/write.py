@@ -248,7 +248,7 @@ def unused_path(path: str | Path) -> Path:
     Examples
     --------
     >>> np.savez(folder / "times.npz", times=np.zeros(3))
-    >>> mv.unused_path(folder / "free.npz").name, mv.unused_path(folder / "times.npz").name
+    >>> unused_path(folder / "free.npz").name, unused_path(folder / "times.npz").name
     ('free.npz', 'times_2.npz')
     """
     path = Path(path)

@@ -54,7 +54,7 @@ class ClassScores:
     Examples
     --------
     >>> areas = np.array([[8.0, 2.0], [0.0, 10.0]])
-    >>> scores = mv.ClassScores(("spine", "shaft"), areas, "strokes", 5)
+    >>> scores = ClassScores(("spine", "shaft"), areas, "strokes", 5)
     >>> scores.f1.round(3), round(scores.weighted_f1, 3)
     (array([0.889, 0.909]), 0.899)
     """

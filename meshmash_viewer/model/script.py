@@ -185,15 +185,26 @@ def _decomposition(document: Document, n_pairs: int) -> list[str]:
 def _shape(document: Document, n_pairs: int) -> list[str]:
     shape = document.display.shape
     name = (document.mesh.name if document.mesh is not None else "") or "mesh"
-    lines = [f"vertices = mv.low_pass_vertices(mesh, decomposition, {shape.within(n_pairs)})"]
+    lines = [
+        "from meshmash_viewer.features.shape import low_pass_vertices",
+        f"vertices = low_pass_vertices(mesh, decomposition, {shape.within(n_pairs)})",
+    ]
     if shape.morph != 1.0:
         lines += [f"vertices = mesh.vertices + {shape.morph!r} * (vertices - mesh.vertices)"]
     return [
         *lines,
         "shape = mv.Mesh(vertices, mesh.faces, unit=mesh.unit, structure=mesh.structure)",
-        f"path = mv.unused_path(folder / {f'{name}_shape.npz'!r})",
+        *_unused(f"{name}_shape.npz"),
         "np.savez(path, vertices=shape.vertices, faces=shape.faces)",
         "print(path)",
+    ]
+
+
+def _unused(name: str) -> list[str]:
+    """Return lines that choose an output file; no file is overwritten."""
+    return [
+        "from meshmash_viewer.io.write import unused_path",
+        f"path = unused_path(folder / {name!r})",
     ]
 
 
@@ -201,17 +212,17 @@ def _writing(document: Document, request: FieldRequest, exported: Exported | Non
     mesh, family = document.mesh, request.family
     assert mesh is not None
     output = script_output(document)
-    path = f"path = mv.unused_path(folder / {output!r})  # no file is overwritten"
+    path = _unused(output)
     if family.makes_features():
         known = _known(document, request, exported)
         maps = bool(mesh.maps) if known is None else known.maps
         pairs = ", eigenvalues=decomposition.eigenvalues" if family.of_pairs else ""
         return [
             *(["features = features.with_maps(mesh)"] if maps else []),
-            path,
+            *path,
             f"mv.write_features(path, features, mesh{pairs})",
             "print(path)",
         ]
     # rows are the vertices of the file
     values = "values" if mesh.numbering is None else "mesh.on_file(values)"
-    return [path, f"np.save(path, {values})", "print(path)"]
+    return [*path, f"np.save(path, {values})", "print(path)"]

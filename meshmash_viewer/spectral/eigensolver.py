@@ -293,7 +293,7 @@ def iterate(
 
     Examples
     --------
-    >>> sum(len(batch.eigenvalues) for batch in mv.iterate(L, M, 16))
+    >>> sum(len(batch.eigenvalues) for batch in iterate(L, M, 16))
     16
     """
     run = Run(stiffness, mass, Request(n_components, **options))

@@ -39,7 +39,7 @@ def weyl_count(area: float, eigenvalue: float) -> float:
 
     Examples
     --------
-    >>> round(mv.weyl_count(4 * np.pi, 110.0))
+    >>> round(weyl_count(4 * np.pi, 110.0))
     110
     """
     return area * eigenvalue / (4.0 * math.pi)
@@ -50,7 +50,7 @@ def weyl_eigenvalue(area: float, count: float) -> float:
 
     Examples
     --------
-    >>> mv.weyl_eigenvalue(4 * np.pi, 110)
+    >>> weyl_eigenvalue(4 * np.pi, 110)
     110.0
     """
     return 4.0 * math.pi * count / area

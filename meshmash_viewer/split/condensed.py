@@ -79,7 +79,7 @@ class CondensedHKS(NamedTuple):
 
     Examples
     --------
-    >>> mv.CondensedHKS._fields[3:6]
+    >>> CondensedHKS._fields[3:6]
     ('simple_labels', 'labels', 'condensed_features')
     """
 

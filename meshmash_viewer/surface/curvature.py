@@ -132,7 +132,7 @@ def mixed_areas(mesh: MeshLike) -> FloatArray:
     Examples
     --------
     >>> corners = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
-    >>> mv.mixed_areas((corners, [[0, 1, 2], [0, 2, 3]]))
+    >>> mixed_areas((corners, [[0, 1, 2], [0, 2, 3]]))
     array([1., 1., 1., 1.])
     """
     return _Corners(as_mesh(mesh)).mixed_areas()

@@ -14,8 +14,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QPushButton, QWidget
 from pytestqt.qtbot import QtBot
 
-import meshmash_viewer as mv
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.pieces import aggregate_features, write_condensed_features
 from meshmash_viewer.spectral.weyl import Target
 
 LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
@@ -69,8 +69,8 @@ def test_condensed_features_become_maps_and_labels(
     mesh = shapes.icosphere(2)
     labels = np.digitize(mesh.vertices[:, 2], [-0.3, 0.3])
     labels[mesh.vertices[:, 0] > 0.9] = -1
-    features = mv.aggregate_features(mesh.vertices, labels).rename(columns="hks_{}".format)
-    mv.write_condensed_features(tmp_path / "condensed.npz", features, labels)
+    features = aggregate_features(mesh.vertices, labels).rename(columns="hks_{}".format)
+    write_condensed_features(tmp_path / "condensed.npz", features, labels)
     drop(window, tmp_path / "condensed.npz", share=0.5)
     document = window.document
     qtbot.waitUntil(lambda: document.labels.current is not None, timeout=PATIENCE)

@@ -24,6 +24,7 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.view.figure import FigureOptions, compose_figure, seen_of
 from meshmash_viewer.app.view.points import point_colors
+from meshmash_viewer.features.points import Points, ProjectedPoints
 from meshmash_viewer.model.document import Document
 
 LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
@@ -216,13 +217,13 @@ def test_a_table_for_each_vertex_is_a_map(opened: MainWindow, files: Path, qtbot
 def test_regions_count_the_points_in_a_thread(
     opened: MainWindow, files: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    document, threads, sums = opened.document, [], mv.ProjectedPoints.sums
+    document, threads, sums = opened.document, [], ProjectedPoints.sums
 
-    def noted(found: mv.ProjectedPoints, *given: Any) -> Any:
+    def noted(found: ProjectedPoints, *given: Any) -> Any:
         threads.append(current_thread())
         return sums(found, *given)
 
-    monkeypatch.setattr(mv.ProjectedPoints, "sums", noted)
+    monkeypatch.setattr(ProjectedPoints, "sums", noted)
     drop(opened, files / "synapses.parquet", qtbot)
     document.labels.new_set()
     up = BALL.vertices[:, 2] > 500.0
@@ -296,7 +297,7 @@ def test_a_hundred_thousand_points_are_coloured() -> None:
     places = rng.normal(size=(100_000, 3))
     places *= 4000.0 / np.linalg.norm(places, axis=1)[:, None]
     mesh = mv.Mesh(BALL.vertices, BALL.faces, "nm")
-    table = mv.Points(places, {"size": rng.uniform(size=100_000)})
+    table = Points(places, {"size": rng.uniform(size=100_000)})
     found = mv.project_points(mesh, table)
     colors, legend = point_colors(found, "size")
     assert colors.shape == (found.n_near, 3)

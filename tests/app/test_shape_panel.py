@@ -279,7 +279,7 @@ def test_a_session_and_a_script_have_the_shape(window: MainWindow, tmp_path: Pat
     window.opening.restore_session(path)
     wait_for(lambda: window.document.display.shape == Shape(True, 9, 0.5, 0.1))
     script = reproduction_script(window.document)
-    assert "mv.low_pass_vertices(mesh, decomposition, 9)" in script
+    assert "vertices = low_pass_vertices(mesh, decomposition, 9)" in script
     assert "0.5 * (vertices - mesh.vertices)" in script
     content = json.loads(path.read_text(encoding="utf-8"))["display"]
     assert content == display_to_json(window.document.display)

@@ -22,6 +22,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import LiveFeatures
 from meshmash_viewer.spectral import eigenpairs as spectra
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import Decomposition
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 CHOSEN = {name: family() for name, family in FAMILIES.items()}
@@ -35,7 +36,7 @@ class Asked:
 
 
 @pytest.fixture(scope="module")
-def pairs(rectangle: Mesh) -> mv.Decomposition:
+def pairs(rectangle: Mesh) -> Decomposition:
     return mv.solve(*mv.cotangent_laplacian(rectangle, robust=True), n_components=60)
 
 
@@ -54,7 +55,7 @@ def mapped(rectangle: Mesh) -> Mesh:
 
 
 @pytest.fixture(scope="module")
-def spectrum(mapped: Mesh, pairs: mv.Decomposition) -> Eigenpairs:
+def spectrum(mapped: Mesh, pairs: Decomposition) -> Eigenpairs:
     return replace(spectrum_of(mapped, 60), rows=pairs.rows, mass=pairs.mass, mesh=mapped)
 
 
@@ -110,7 +111,7 @@ def test_mean_curvature_where_faces_disagree_says_so(sphere: Mesh) -> None:
 
 
 def test_the_sum_of_pairs_is_that_of_the_library(
-    spectrum: Eigenpairs, mapped: Mesh, pairs: mv.Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: Decomposition
 ) -> None:
     """Sums are correct in any order of the slider's positions."""
     live, values = LiveFeatures(), mapped.map_named("height").values
@@ -124,7 +125,7 @@ def test_the_sum_of_pairs_is_that_of_the_library(
 
 
 def test_dominant_bands_are_those_of_the_library(
-    spectrum: Eigenpairs, mapped: Mesh, pairs: mv.Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: Decomposition
 ) -> None:
     with pytest.warns(mv.MissingValuesWarning):
         found = mv.map_spectrum(pairs, mapped.map_named("holed").values)
@@ -140,7 +141,7 @@ def test_dominant_bands_are_those_of_the_library(
 
 
 def test_the_spectrum_of_a_map_is_drawn_and_dragged(
-    spectrum: Eigenpairs, mapped: Mesh, pairs: mv.Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: Decomposition
 ) -> None:
     family = OwnMaps(chosen="height", pairs=12)
     shown(spectrum, chosen="height")
@@ -258,7 +259,7 @@ def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(
 
 
 @pytest.mark.slow
-def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: mv.Decomposition) -> None:
+def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: Decomposition) -> None:
     def use() -> ReferenceType[Mesh]:
         mesh = replace(rectangle).with_maps(VertexMap("height", rectangle.vertices[:, 0]))
         known = replace(spectrum_of(rectangle, 60), rows=pairs.rows, mass=pairs.mass, mesh=mesh)

@@ -14,6 +14,16 @@ import shapes
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.condensed import labelled_domains
+from meshmash_viewer.pieces import (
+    condense_mesh_to_graph,
+    expand_features,
+    read_condensed_features,
+    read_condensed_graph,
+    read_id_map,
+    write_condensed_features,
+    write_condensed_graph,
+    write_id_map,
+)
 from meshmash_viewer.surface.edges import region_graph
 from meshmash_viewer.vertex_map import MOST_LABELS
 
@@ -42,7 +52,7 @@ def by_hand(path: Path, header: str = "\t".join(NAMES), **arrays: np.ndarray) ->
 
 def test_features_are_written_as_described_and_read_again(tmp_path: Path) -> None:
     path = tmp_path / "one.npz"
-    mv.write_condensed_features(path, table(), LABELS)
+    write_condensed_features(path, table(), LABELS)
     with np.load(path) as held:
         assert set(held.files) == {"X", "labels"}
         assert (held["X"].dtype, held["X"].shape) == (np.float32, (5, 3))
@@ -50,30 +60,30 @@ def test_features_are_written_as_described_and_read_again(tmp_path: Path) -> Non
         assert np.isnan(held["X"][0]).all()
         np.testing.assert_array_equal(held["X"][1:], table())
     assert (tmp_path / "header.txt").read_text() == "hks_0\thks_1\tarea"
-    features, labels = mv.read_condensed_features(path)
+    features, labels = read_condensed_features(path)
     np.testing.assert_array_equal(labels, LABELS)
     assert features.index.tolist() == [-1, 0, 1, 2, 3]
     assert list(features) == NAMES
     again = tmp_path / "two.npz"
-    mv.write_condensed_features(again, features, labels)
+    write_condensed_features(again, features, labels)
     assert again.read_bytes() == path.read_bytes()
     assert {each.name for each in tmp_path.iterdir()} == {"one.npz", "two.npz", "header.txt"}
 
 
 def test_features_by_hand_are_read(tmp_path: Path) -> None:
-    features, labels = mv.read_condensed_features(
+    features, labels = read_condensed_features(
         by_hand(tmp_path / "hand.npz", "\t".join(NAMES) + "\n")
     )
     assert list(features) == NAMES
     assert features.loc[2, "hks_1"] == 7.0
-    expanded = mv.expand_features(features, labels)
+    expanded = expand_features(features, labels)
     assert expanded["area"][0] == 3 * LABELS[0] + 2
 
 
 def test_the_graph_is_written_and_read_again(tmp_path: Path) -> None:
-    nodes, edges = mv.condense_mesh_to_graph(BALL, LABELS, nuc_point=[0, 0, 3])
+    nodes, edges = condense_mesh_to_graph(BALL, LABELS, nuc_point=[0, 0, 3])
     path = tmp_path / "graph.npz"
-    mv.write_condensed_graph(path, nodes, edges)
+    write_condensed_graph(path, nodes, edges)
     header = (tmp_path / "nodes_header.txt").read_text().split("\t")
     assert header == [
         "x", "y", "z", "area", "n_vertices", "component_area", "component_n_vertices",
@@ -86,23 +96,23 @@ def test_the_graph_is_written_and_read_again(tmp_path: Path) -> None:
         assert {name: held[name].dtype for name in held.files} == {
             "nodes": np.float32, "edges": np.float32,
         }  # fmt: skip
-    found_nodes, found_edges = mv.read_condensed_graph(path)
+    found_nodes, found_edges = read_condensed_graph(path)
     np.testing.assert_array_equal(found_nodes, nodes.astype(np.float32))
     np.testing.assert_allclose(found_edges, edges, rtol=1e-6)
     assert found_edges["source"].tolist() == edges["source"].tolist()
     # without header files, the columns get their default names
     for name in ("nodes_header.txt", "edges_header.txt"):
         (tmp_path / name).unlink()
-    assert list(mv.read_condensed_graph(path)[0]) == header
+    assert list(read_condensed_graph(path)[0]) == header
 
 
 def test_objects_at_vertices_are_written_and_read_again(tmp_path: Path) -> None:
     path = tmp_path / "ids.npz"
     ids = np.array([720575940612345678, 5], dtype=np.uint64)
-    mv.write_id_map(path, ids, [3, -1])
+    write_id_map(path, ids, [3, -1])
     with np.load(path) as held:
         assert held["id_to_mesh_map"].tolist() == [[720575940612345678, 3], [5, -1]]
-    found, vertices = mv.read_id_map(path)
+    found, vertices = read_id_map(path)
     assert (found.tolist(), vertices.tolist()) == (ids.tolist(), [3, -1])
 
 
@@ -112,62 +122,62 @@ def graph(path: Path, nodes: np.ndarray, edges: np.ndarray) -> Path:
 
 
 BAD: dict[str, tuple[Callable[[Path], object], str]] = {
-    "absent": (mv.read_condensed_features, "does not exist"),
-    "text": (lambda path: (path.write_text("X"), mv.read_condensed_features(path)), "no.* archive"),
+    "absent": (read_condensed_features, "does not exist"),
+    "text": (lambda path: (path.write_text("X"), read_condensed_features(path)), "no.* archive"),
     "other arrays": (
-        lambda path: (np.savez(path, a=1), mv.read_condensed_features(path)),
+        lambda path: (np.savez(path, a=1), read_condensed_features(path)),
         "holds a, and no array X",
     ),
     "no header": (
         lambda path: (
-            by_hand(path), path.with_name("header.txt").unlink(), mv.read_condensed_features(path)
+            by_hand(path), path.with_name("header.txt").unlink(), read_condensed_features(path)
         ),
         "has no header.txt next to it",
     ),
     "short header": (
-        lambda path: mv.read_condensed_features(by_hand(path, "a\tb")),
+        lambda path: read_condensed_features(by_hand(path, "a\tb")),
         "has 3 columns, and header.txt next to it names 2",
     ),
     "labels": (
-        lambda path: mv.read_condensed_features(by_hand(path, labels=LABELS + 1)),
+        lambda path: read_condensed_features(by_hand(path, labels=LABELS + 1)),
         "labels from 0 to 4, and 5 rows of X",
     ),
-    "flat": (lambda path: mv.read_condensed_features(by_hand(path, X=np.ones(3))), "X of shape"),
+    "flat": (lambda path: read_condensed_features(by_hand(path, X=np.ones(3))), "X of shape"),
     "other header": (
         lambda path: (
             path.with_name("header.txt").write_text("a\tb\tc"),
-            mv.write_condensed_features(path, table(), LABELS),
+            write_condensed_features(path, table(), LABELS),
         ),
         "has other columns than those in .*header.txt",
     ),
     "few rows": (
-        lambda path: mv.write_condensed_features(path, table(3), LABELS),
+        lambda path: write_condensed_features(path, table(3), LABELS),
         "Labels are up to 3, but there are only 3 rows",
     ),
     "index": (
-        lambda path: mv.write_condensed_features(path, table()[::-1], LABELS),
+        lambda path: write_condensed_features(path, table()[::-1], LABELS),
         "index .* is not 0, 1, 2",
     ),
     "ending": (
-        lambda path: mv.write_condensed_features(path.with_suffix(".csv"), table(), LABELS),
+        lambda path: write_condensed_features(path.with_suffix(".csv"), table(), LABELS),
         "does not end in .npz",
     ),
     "folder": (
-        lambda path: mv.write_id_map(path.parent / "none" / "a.npz", [1], [2]),
+        lambda path: write_id_map(path.parent / "none" / "a.npz", [1], [2]),
         "there is no folder",
     ),
     "edges": (
-        lambda path: mv.read_condensed_graph(graph(path, np.ones((2, 3)), np.array([[0, 2, 1]]))),
+        lambda path: read_condensed_graph(graph(path, np.ones((2, 3)), np.array([[0, 2, 1]]))),
         "has an edge from or to node 2, and 2 nodes",
     ),
     "dropped graph": (
         lambda path: mv.read_maps(graph(path, np.ones((2, 7)), np.ones((1, 5))), BALL),
         "holds a graph of domains, which View › Graph of labels draws once the features",
     ),
-    "graph": (lambda path: mv.read_condensed_graph(graph(path, np.ones(3), np.ones(2))), "tables"),
-    "ids": (lambda path: mv.write_id_map(path, [1, 2], [3]), "one whole number of each"),
+    "graph": (lambda path: read_condensed_graph(graph(path, np.ones(3), np.ones(2))), "tables"),
+    "ids": (lambda path: write_id_map(path, [1, 2], [3]), "one whole number of each"),
     "map of ids": (
-        lambda path: (np.savez(path, id_to_mesh_map=np.ones(3)), mv.read_id_map(path)),
+        lambda path: (np.savez(path, id_to_mesh_map=np.ones(3)), read_id_map(path)),
         "not two whole numbers",
     ),
 }  # fmt: skip

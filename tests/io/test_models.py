@@ -13,6 +13,7 @@ import shapes
 from tiers import slow
 
 import meshmash_viewer as mv
+from meshmash_viewer.learn.classes import ClassModel
 
 LABELS = (mv.Label(1, "bump", "#4477aa"), mv.Label(2, "rest", "#ee6677"))
 CARD = "meshmash-viewer.json"
@@ -34,13 +35,13 @@ def labels(blob: mv.Mesh) -> mv.VertexMap:
 
 
 @pytest.fixture(scope="module", params=["ensemble", slow("forest"), "logistic"])
-def model(request: pytest.FixtureRequest, blob: mv.Mesh, labels: mv.VertexMap) -> mv.ClassModel:
+def model(request: pytest.FixtureRequest, blob: mv.Mesh, labels: mv.VertexMap) -> ClassModel:
     columns = mv.ClassColumns(0.03, 1.0, 20.0, "nm", kinds=("hks", "curvature"), n_times=6)
     return mv.train_classes(blob, labels, columns, request.param, smoothing=0.1, scored=False)
 
 
 @pytest.fixture
-def path(tmp_path: Path, model: mv.ClassModel) -> Path:
+def path(tmp_path: Path, model: ClassModel) -> Path:
     path = tmp_path / "model.skops"
     mv.write_classes(path, model)
     return path
@@ -60,7 +61,7 @@ def with_card(path: Path, change: Any) -> Path:
     return copy
 
 
-def test_a_model_is_read_as_it_was_written(blob: mv.Mesh, model: mv.ClassModel, path: Path) -> None:
+def test_a_model_is_read_as_it_was_written(blob: mv.Mesh, model: ClassModel, path: Path) -> None:
     found = mv.read_classes(path)
     assert (found.columns, found.classes, found.kind) == (model.columns, LABELS, model.kind)
     assert (found.meshes, found.smoothing) == (model.meshes, 0.1)
@@ -112,7 +113,7 @@ def test_a_card_of_an_earlier_version_has_no_edges(blob: mv.Mesh, path: Path) ->
 
 
 @pytest.mark.parametrize("model", ["logistic"], indirect=True)
-def test_another_type_is_refused_by_its_name(path: Path, model: mv.ClassModel) -> None:
+def test_another_type_is_refused_by_its_name(path: Path, model: ClassModel) -> None:
     other = Other()
     other.value = 1  # type: ignore[attr-defined]
     model.classifier.other = other
@@ -148,7 +149,7 @@ def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
 
 
 @pytest.mark.parametrize("model", ["logistic"], indirect=True)
-def test_models_have_one_ending(tmp_path: Path, model: mv.ClassModel) -> None:
+def test_models_have_one_ending(tmp_path: Path, model: ClassModel) -> None:
     with pytest.raises(mv.InputError, match=r"give it the ending \.skops"):
         mv.write_classes(tmp_path / "model.pkl", model)
     with pytest.raises(mv.InputError, match="does not exist"):

@@ -13,7 +13,11 @@ from tiers import slow, slow_but
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.comparison import compare_shapes, corresponding_vertices
+from meshmash_viewer.features.comparison import (
+    compare_shapes,
+    corresponding_vertices,
+    match_functions,
+)
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
@@ -315,7 +319,7 @@ def test_functions_that_cross_are_told_where_both_meshes_are_of_one_template() -
         assert np.corrcoef(mine.values, other.values)[0, 1] > 0.99
     # the library matches the same functions
     pairs = [solve(*cotangent_laplacian(each.mesh, robust=True), COUNT) for each in (first, second)]
-    found = mv.match_functions(*pairs, np.arange(first.mesh.n_vertices), turned=True)
+    found = match_functions(*pairs, np.arange(first.mesh.n_vertices), turned=True)
     np.testing.assert_array_equal(functions.indices, found.indices)
     np.testing.assert_allclose(functions.correlations, found.correlations, atol=1e-6)
 
