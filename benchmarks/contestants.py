@@ -22,7 +22,7 @@ import numpy as np
 __all__ = ["NAMES", "OURS", "PEERS"]
 
 OURS = ("slices-2", "slices-1")
-PEERS = ("eigsh", "bands", "lapy", "primme")
+PEERS = ("eigsh", "bands", "lapy")
 NAMES = (*OURS, *PEERS, "limit")
 
 #: Shift and tolerance of the peers, and number of pairs in a band.
@@ -114,38 +114,6 @@ def run_lapy(folder: Path, k: int) -> dict[str, Any]:
     return {"values": values, "rows": columns.T}
 
 
-def run_primme(folder: Path, k: int) -> dict[str, Any]:
-    """Solve with PRIMME, preconditioned by a factor just below zero, with the best settings tried.
-
-    These are the standard problem, which takes half the time of the generalised problem, and
-    blocks of eight. The tolerance 1e-13 is relative to the largest eigenvalue; relative to the
-    computed eigenvalues it is about 1e-10.
-    """
-    import primme
-    import scipy.sparse as sp
-    from scipy.sparse.linalg import LinearOperator, splu
-
-    stiffness, mass = read_matrices(folder)
-    begin()
-    root = np.sqrt(mass.diagonal())
-    scale = sp.diags_array(1.0 / root)
-    matrix: Any = scale @ stiffness @ scale
-    matrix = sp.csc_array(0.5 * (matrix + matrix.T))
-    spacing = 4.0 * np.pi / mass.diagonal().sum()
-    factor = splu(
-        sp.csc_array(matrix + spacing * sp.eye_array(len(root))),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    inverse = LinearOperator(
-        matrix.shape, matvec=factor.solve, matmat=factor.solve, dtype=np.float64
-    )
-    values, columns = primme.eigsh(matrix, k, which="SA", tol=1e-13, OPinv=inverse, maxBlockSize=8)
-    order = np.argsort(values)
-    return {"values": values[order], "rows": (columns[:, order] / root[:, None]).T}
-
-
 def run_limit(folder: Path, k: int) -> dict[str, Any]:
     """Return seconds of the steps that shift-invert needs, each at its best, in one thread."""
     from threadpoolctl import threadpool_limits
@@ -231,7 +199,7 @@ def main() -> None:
     if name == "limit":
         print(json.dumps(run_limit(folder, k)), flush=True)
         return
-    runners = {"eigsh": run_eigsh, "bands": run_bands, "lapy": run_lapy, "primme": run_primme}
+    runners = {"eigsh": run_eigsh, "bands": run_bands, "lapy": run_lapy}
     found = run_slices(folder, k, int(jobs)) if jobs else runners[name](folder, k)
     print("stop", flush=True)
     answer = {"note": found.get("note", ""), **quality(folder, found["values"], found["rows"])}

@@ -11,13 +11,11 @@ slices-2, slices-1   this package, two and one slice at a time
 eigsh                SciPy's ARPACK in shift-invert mode, SuperLU, sigma = -1e-10, tol = 1e-10
 bands                eigsh in bands of 50 pairs with a moving shift (Vallet & Lévy 2008)
 lapy                 LaPy's solver on the same matrices
-primme               PRIMME with a factor as preconditioner, where it is installed
 limit                order + factor + 2 k columns solved in blocks + one orthogonalisation of k
                      vectors at the best rate of matrix products, divided by slices at a time
 
 Peers run with one and with two threads for linear algebra (or --threads), and the faster run
-counts. A contestant may have its own interpreter, which needs this package, too: --python
-primme=/path/to/python.
+counts.
 """
 
 from __future__ import annotations
@@ -47,7 +45,6 @@ class Runner:
     def __init__(self, folder: Path, options: argparse.Namespace) -> None:
         self.folder, self.limit, self.threads = folder, options.limit, options.threads
         self.touched = options.touch * 1e9
-        self.pythons = dict(given.split("=", 1) for given in options.python)
 
     def run(self, contestant: str, k: int, threads: int) -> dict[str, Any]:
         """Run a contestant in a process, record its memory, and end it at the time limit."""
@@ -55,7 +52,6 @@ class Runner:
 
         print(f"{contestant}, {k} pairs, {threads} threads", file=sys.stderr, flush=True)
         touch_memory(self.touched)
-        python = self.pythons.get(contestant, sys.executable)
         script = Path(contestants.__file__)
         environment = dict(os.environ)
         if contestant in contestants.PEERS:
@@ -63,7 +59,7 @@ class Runner:
                 environment[f"{library}_NUM_THREADS"] = str(threads)
         with tempfile.TemporaryFile() as errors:
             process = subprocess.Popen(
-                [python, str(script), contestant, str(self.folder), str(k)],
+                [sys.executable, str(script), contestant, str(self.folder), str(k)],
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 env=environment,
@@ -261,22 +257,10 @@ def report(mesh: str, options: argparse.Namespace) -> None:
         print(f"\n### {title}: {n} vertices\n")
         print("| pairs | who | seconds | times ours | MB | residual | ΦᵀMΦ − I | missing | note |")
         print("|--:|---|--:|--:|--:|--:|--:|--:|---|", flush=True)
-        spent: dict[str, dict[int, float]] = {}
-        for k in sorted({*options.pairs, *options.growth}):
-            names = list(options.contestants)
-            if k not in options.pairs:
-                names = [name for name in names if name in contestants.OURS]
-            results = compete(runner, names, k, options.repeats)
+        for k in options.pairs:
+            results = compete(runner, list(options.contestants), k, options.repeats)
             for row in rows_of_table(results, k):
                 print(row, flush=True)
-            for name, run in results.items():
-                if "fault" not in run and name != "limit":
-                    spent.setdefault(name, {})[k] = run["seconds"] / k
-        few, many = options.growth or (0, 0)
-        for name, by_pairs in spent.items():
-            if few in by_pairs and many in by_pairs:
-                growth = by_pairs[many] / by_pairs[few]
-                print(f"\n{name}: {growth:.2f} times the seconds a pair at {many} as at {few}.")
 
 
 def main() -> None:
@@ -286,20 +270,9 @@ def main() -> None:
     )
     parser.add_argument("meshes", nargs="+", metavar="MESH[:SUBDIVISIONS]")
     parser.add_argument("--pairs", type=int, nargs="+", default=[100, 300, 1000])
-    parser.add_argument(
-        "--growth",
-        type=int,
-        nargs=2,
-        default=[],
-        metavar="PAIRS",
-        help="compare our seconds a pair at two numbers of pairs, such as 200 and 1000",
-    )
     parser.add_argument("--repeats", type=int, default=3, help="runs of those under a minute")
     parser.add_argument(
         "--contestants", nargs="+", default=list(contestants.NAMES), choices=contestants.NAMES
-    )
-    parser.add_argument(
-        "--python", action="append", default=[], metavar="NAME=PATH", help="its interpreter"
     )
     parser.add_argument("--limit", type=float, default=1800.0, help="seconds a run may take")
     parser.add_argument(

@@ -1,9 +1,9 @@
 """Response of the real window to large meshes: ticks, gaps, memory, first pictures.
 
     xvfb-run -a -s "-screen 0 1600x1000x24" python benchmarks/interaction.py MESH
-        [--sizes 100000 500000 1000000] [--parts window pair solve peer start]
+        [--sizes 100000 500000 1000000] [--parts window pair solve start]
         [--drivers no-op software] [--pairs 300] [--solve-up-to 150000] [--first-pairs 100]
-        [--peer SECONDS] [--folder DIR] [--trace]
+        [--folder DIR]
 
 MESH is refined to exactly the given numbers of vertices by splitting its longest edges. A full run
 takes most of an hour. With `--folder`, meshes, eigenpairs and results are kept in DIR, so that
@@ -19,8 +19,6 @@ pair    ticks of two renders, with the mesh opened next to itself, until both re
         fields. The stored pairs must be eigenpairs.
 solve   a window opens a mesh without stored results, and computes at once: time from the end of
         reading to the first preview, the first 20 and all exact pairs on the screen.
-peer    time of a script to its first picture: all pairs by SciPy's `eigsh` (sigma = -1e-10,
-        tol = 1e-10), then pyvista; ended after `--peer` seconds.
 start   time from the start of the process until the window is painted, and until it is complete.
 
 A tick is the time from a change of the model to the frame that shows it; the field is uploaded
@@ -52,7 +50,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.certificate import Certificate
 
 HERE = Path(__file__).parent
-PARTS = ("window", "pair", "solve", "peer", "start")
+PARTS = ("window", "pair", "solve", "start")
 DRIVERS = ("no-op", "software")
 TICKS = {
     "step": "eigenfunction step",
@@ -141,9 +139,7 @@ def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
     store.append(found)
 
 
-def run_window(
-    what: str, options: dict[str, Any], driver: str, folder: Path, *, trace: bool
-) -> dict[str, Any]:
+def run_window(what: str, options: dict[str, Any], driver: str, folder: Path) -> dict[str, Any]:
     """Return the measurements of a window in a process of its own."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(folder), "GALLIUM_NOOP": "1"}
     environment["PYTHONPATH"] = str(HERE.parent)  # this tree, not an installed package
@@ -151,24 +147,10 @@ def run_window(
         del environment["GALLIUM_NOOP"]
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "result.json"
-        order = json.dumps({"what": what, "result": str(path), "trace": trace, **options})
+        order = json.dumps({"what": what, "result": str(path), **options})
         command = [sys.executable, str(HERE / "interaction_window.py"), order]
         subprocess.run(command, env=environment, check=True)
         return dict(json.loads(path.read_text()))
-
-
-def run_peer(mesh: Path, n_pairs: int, seconds: float) -> dict[str, Any]:
-    """Return the times of the peer, or the time limit that it has exceeded."""
-    command = [sys.executable, str(HERE / "interaction_peer.py"), str(mesh), str(n_pairs)]
-    # with the default number of threads
-    environment = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"}
-    try:
-        done = subprocess.run(
-            command, check=True, timeout=seconds, capture_output=True, text=True, env=environment
-        )
-    except subprocess.TimeoutExpired:
-        return {"given_up": seconds}
-    return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
 def run_start(folder: Path) -> dict[str, Any]:
@@ -205,20 +187,16 @@ class Column:
         """Run a part and store its result."""
         if part == "start":
             self.keep(part, run_start(self.folder))
-        elif part == "peer":
-            self.keep(part, run_peer(self.mesh, options.first_pairs, options.peer))
         elif part == "solve":
             # An empty cache, so that no results are stored.
             with tempfile.TemporaryDirectory(prefix="interaction-", dir=self.folder) as cache:
                 order = {"mesh": str(self.mesh), "pairs": options.first_pairs}
-                found = run_window(
-                    part, order, options.drivers[-1], Path(cache), trace=options.trace
-                )
+                found = run_window(part, order, options.drivers[-1], Path(cache))
             self.keep(part, found)
             print_phases("first pictures", found)
         elif part == "pair":
             order, stored = self._order(options)
-            self.keep(part, run_window(part, order, options.drivers[0], stored, trace=False))
+            self.keep(part, run_window(part, order, options.drivers[0], stored))
         else:
             self.measure_window(options)
 
@@ -226,12 +204,11 @@ class Column:
         """Run the scripted minute and the ticks with each driver."""
         order, stored = self._order(options)
         for driver in options.drivers:
-            found = run_window("session", order, driver, stored, trace=options.trace)
+            found = run_window("session", order, driver, stored)
             # in another process: the no-op driver never frees the memory of uploads
-            ticks = run_window("ticks", order, driver, stored, trace=False)
+            ticks = run_window("ticks", order, driver, stored)
             new = ("ticks", "ticks_p95", "ticks_in_render", "ticks_thread", "ticks_rounds")
-            new += ("compressed", "floor", "readd")
-            found |= {key: ticks[key] for key in new if key in ticks}
+            found |= {key: ticks[key] for key in new}
             solved = order["vertices"] <= options.solve_up_to
             found["pairs"] = f"{options.pairs} {'solved' if solved else 'SYNTHETIC'}"
             self.keep(driver, found)
@@ -278,26 +255,16 @@ def rows(known: dict[str, Any]) -> dict[str, str]:
         return value if number else None
 
     put("eigenpairs of the ticks", "{}", "no-op", "pairs")
-    floor = put("floor: writing 4 n bytes (ms)", "{:.2f}", "no-op", "floor")
     for key, text in TICKS.items():
-        took = put(f"{text}, no-op driver (ms)", "{:.1f}", "no-op", "ticks", key)
+        put(f"{text}, no-op driver (ms)", "{:.1f}", "no-op", "ticks", key)
         put(f"  {text}, 95 % within (ms)", "{:.1f}", "no-op", "ticks_p95", key)
         put(f"  {text}, rounds until the host took nothing", "{:.0f}", "no-op", "ticks_rounds", key)
         put(f"  {text}, of it in VTK's Render (ms)", "{:.1f}", "no-op", "ticks_in_render", key)
-        if took and floor:
-            lines[f"  {text} / floor"] = f"{took / floor:.0f}×"
         put(f"  {text}, the thread's processor time (ms)", "{:.1f}", "no-op", "ticks_thread", key)
         put(f"{text}, software OpenGL (ms)", "{:.0f}", "software", "ticks", key)
     for key, text in TICKS.items():
         put(f"{text}, two meshes (ms)", "{:.1f}", "pair", "ticks", key)
         put(f"  {text}, two meshes, 95 % within (ms)", "{:.1f}", "pair", "ticks_p95", key)
-    table = put("HKS of a time from the table (ms)", "{:.1f}", "no-op", "compressed", "hks_table")
-    direct = put("the same by the direct sum (ms)", "{:.0f}", "no-op", "compressed", "hks_direct")
-    lines["direct sum / table"] = f"{direct / table:.0f}×" if direct and table else ""
-    put("largest error, of the field's range", "{:.0e}", "no-op", "compressed", "hks_error")
-    again = put("scene made again with add_mesh (ms)", "{:.0f}", "no-op", "readd")
-    step = known.get("no-op", {}).get("ticks", {}).get("step")
-    lines["add_mesh / eigenfunction step"] = f"{again / step:.0f}×" if again and step else ""
     for driver in DRIVERS:
         put(f"largest gap, {driver}, all included (ms)", "{:.0f}", driver, "gaps", "largest")
         put(f"largest gap, {driver}, less drawing (ms)", "{:.0f}", driver, "gaps", "largest_less")
@@ -320,11 +287,6 @@ def rows(known: dict[str, Any]) -> dict[str, str]:
     put("first 20 exact pairs (s)", "{:.1f}", "solve", "moments", "pairs_20")
     put("all 100 exact pairs (s)", "{:.1f}", "solve", "moments", "pairs_all")
     put("largest gap meanwhile, less drawing (ms)", "{:.0f}", "solve", "gaps", "largest_less")
-    put("peer: all 100 pairs, then its first picture (s)", "{:.1f}", "peer", "picture")
-    if "given_up" in known.get("peer", {}):
-        lines["peer: all 100 pairs, then its first picture (s)"] = (
-            f"not finished in {known['peer']['given_up']:.0f} s"
-        )
     return lines
 
 
@@ -348,10 +310,8 @@ def main() -> None:
     parser.add_argument("--drivers", nargs="+", choices=DRIVERS, default=DRIVERS)
     parser.add_argument("--pairs", type=int, default=300, help="stored for the scripted minute")
     parser.add_argument("--solve-up-to", type=int, default=150_000)
-    parser.add_argument("--first-pairs", type=int, default=100, help="computed by `solve`, `peer`")
-    parser.add_argument("--peer", type=float, default=900.0, metavar="SECONDS")
+    parser.add_argument("--first-pairs", type=int, default=100, help="computed by `solve`")
     parser.add_argument("--folder", type=Path, help="where to keep meshes, pairs and results")
-    parser.add_argument("--trace", action="store_true", help="say what ran during long gaps")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="interaction-") as scratch:
         folder = options.folder or Path(scratch)

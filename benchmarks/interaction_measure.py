@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import gc
 import os
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,9 +18,6 @@ from interaction_bystander import TICK, seconds_waited
 from PySide6.QtCore import QEventLoop, Qt, QTimer
 
 from meshmash_viewer.model.field import expected_bytes
-
-#: Length (s, less drawing) of gaps above which `--trace` prints what ran.
-LONG = 0.02
 
 Script = Iterator[float | Callable[[], bool]]
 
@@ -121,32 +116,16 @@ def _overlap(times: np.ndarray, start: float, end: float) -> float:
 class Gaps:
     """Times between ticks of a timer, by phase of the session."""
 
-    def __init__(self, drawing: Drawing, trace: bool) -> None:
+    def __init__(self, drawing: Drawing) -> None:
         self.drawing = drawing
         self.phase = "start"
         self.found: dict[str, list[Gap]] = {}
         self.withheld: list[np.ndarray] = []
         self._bystanders = Bystanders()
         self._last = (time.perf_counter(), seconds_waited(), Bystanders.here())
-        self._samples: list[tuple[float, bool, str]] = []
-        self._collections: list[tuple[float, float, str]] = []
-        self._main = threading.get_ident()
         self._timer = QTimer(interval=round(1000 * TICK), timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._tick)
         self._timer.start()
-        self._tracing = trace
-        if trace:
-            threading.Thread(target=self._sample, daemon=True).start()
-            gc.callbacks.append(self._note_collection)
-
-    def _note_collection(self, moment: str, about: dict[str, int]) -> None:
-        # A collection holds Python's lock, in whatever thread it runs.
-        now, thread = time.perf_counter(), threading.current_thread().name
-        if moment == "start":
-            self._collections.append((now, now, ""))
-        else:
-            text = f"garbage of generation {about['generation']} looked for in {thread}"
-            self._collections[-1] = (self._collections[-1][0], now, text)
 
     def _tick(self) -> None:
         now, waited, here = time.perf_counter(), seconds_waited(), Bystanders.here()
@@ -154,48 +133,12 @@ class Gaps:
         calls, self.drawing.calls = self.drawing.calls, []
         gap = Gap(before, now, waited - waited_before, calls, (there, here))
         self.found.setdefault(self.phase, []).append(gap)
-        whole, less = gap.lengths([])
-        if self._tracing and less > LONG:
-            self._tell(before, now, whole, less)
-        self._samples.clear()
-        self._collections.clear()
         self._last = (now, waited, here)
-
-    def _tell(self, before: float, now: float, whole: float, less: float) -> None:
-        """Print what ran during a gap; a call that holds Python's lock is sampled after its end."""
-        print(f"--- {self.phase}: {1e3 * whole:.0f} ms, {1e3 * less:.0f} less drawing")
-        inside = [(main, text) for at, main, text in self._samples if before < at < now + 0.005]
-        for main, text in sorted(set(inside), key=inside.index):
-            kind = "" if main else "beside: "
-            print(f"  {inside.count((main, text))} × {kind}{text}")
-        for began, ended, text in self._collections:
-            if began > before and ended - began > 0.001:
-                print(f"  {1e3 * (ended - began):.0f} ms: {text}")
 
     def stop(self) -> None:
         """Stop the timer, and read when processors were withheld."""
         self._timer.stop()
         self.withheld = self._bystanders.withheld()
-
-    def _sample(self) -> None:
-        """Record the stacks of all threads every 2 ms."""
-        own = threading.get_ident()
-        while True:
-            time.sleep(0.002)
-            # Nothing here may release Python's lock meanwhile: no files, no formatting.
-            stacks = []
-            for thread, top in sys._current_frames().items():
-                frame, calls = top, []
-                while frame is not None and len(calls) < 8:
-                    calls.append((frame.f_code, frame.f_lineno))
-                    frame = frame.f_back
-                if thread != own:
-                    stacks.append((thread == self._main, calls))
-            del top, frame  # otherwise the arrays of the frames are not freed
-            at = time.perf_counter()
-            for main, calls in stacks:
-                texts = [f"{Path(c.co_filename).name}:{line} {c.co_name}" for c, line in calls]
-                self._samples.append((at, main, " < ".join(texts)))
 
     def summary(self, phases: list[str] | None = None) -> dict[str, float]:
         """Return the statistics of all or some phases in ms; call `stop` before."""

@@ -22,7 +22,6 @@ from interaction_measure import (
     private_bytes,
     seconds_stolen,
 )
-from interaction_yardsticks import compressed, floor, readd, time_at
 from PySide6.QtCore import QEventLoop, QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
@@ -43,6 +42,7 @@ from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.wks import WaveKernelSignature
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import subscript
@@ -95,7 +95,7 @@ class Session:
         self.canvas = self.window.findChild(RenderWidget)
         #: Renders that a tick waits for, and the controllers that compute their fields.
         self.renders = [(self.canvas, self.source)]
-        self.gaps = Gaps(self.drawing, order["trace"])
+        self.gaps = Gaps(self.drawing)
         self.empty = private_bytes()
         self.result: dict[str, Any] = {}
         self.moments: dict[str, float] = {}
@@ -135,8 +135,6 @@ class Session:
 
     def phase(self, name: str) -> None:
         self.gaps.phase = name
-        if self.order["trace"]:
-            print(f"{time.process_time():7.1f} s of processor time: {name}")
 
     def part(self, name: str) -> Any:
         return self.window.findChild(QWidget, name)
@@ -483,10 +481,6 @@ class Session:
             Player(self.pair()).play()
         if what == "ticks":
             Player(self.ticks()).play()
-            self.result["compressed"] = compressed(self.document, self.source)
-            self.result["floor"] = floor(self.source)
-            if self.result["driver"] == "no-op":
-                self.result["readd"] = readd(self.document)
         self.window.close()
         return self.result
 
@@ -501,6 +495,12 @@ class Session:
         tables = sum(part.nbytes for part in parts if isinstance(part, np.ndarray))
         self.result["tables"] = tables / 1e6
         self.result["formula"] = formula_bytes(mesh.n_vertices, mesh.n_faces) / 1e6
+
+
+def time_at(document: Document, share: float) -> float:
+    """Return the diffusion time at a position of the slider, from 0 to 1."""
+    low, high = document.display[HeatKernelSignature].range(document.spectrum)
+    return float(low * (high / low) ** share)
 
 
 def _is_noop(window: MainWindow) -> bool:

@@ -1,7 +1,4 @@
-"""Hard eigenproblems from seeds, and problems once solved wrongly (see `hard_spectra`).
-
-`./dev bench hard` solves any number of problems, or repeats a single problem.
-"""
+"""Hard eigenproblems from seeds, and problems once solved wrongly (see `hard_spectra`)."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ def complaint(verdict: Verdict) -> str:
     """Return the error, or the unjustified refusal, of a verdict; else an empty string."""
     if verdict.state == "right" or verdict.needed:
         return ""
-    name = f"./dev bench hard --only {verdict.problem.seed}: " if verdict.problem.seed >= 0 else ""
+    name = f"seed {verdict.problem.seed}: " if verdict.problem.seed >= 0 else ""
     return f"{name}{verdict.problem.note}: {verdict.request}: {verdict.state}: {verdict.sentence}"
 
 

@@ -1,4 +1,4 @@
-"""Random filter formulas, valid and broken; ``./dev bench fuzz --formulas N`` tries N of them."""
+"""Random filter formulas, valid and broken."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 Pairs proven before the kill are unchanged, pairs published later are not computed again, the next
 run gives the result of an undisturbed run, and only the files of the store remain.
-`benchmarks/kills.py` tries any number of kills.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from meshmash_viewer.io.atomic import remove_abandoned
 from meshmash_viewer.io.cache import ROWS
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.store import EigenpairStore
-from meshmash_viewer.mesh import Mesh, mesh_to_poly
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.worker import serve
 from meshmash_viewer.spectral.engine.request import Request
@@ -299,94 +298,3 @@ def _listen(wire: Wire, process: subprocess.Popen[bytes]) -> None:
 def _heat_kernel(eigenvalues: FloatArray, rows: FloatArray) -> FloatArray:
     times = np.array([1.0, 10.0, 100.0]) / eigenvalues[-1]
     return np.exp(-np.outer(times, eigenvalues)) @ np.square(rows)
-
-
-def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) -> str:
-    """Fill a disk at a random moment of a run on the command line, or of a window.
-
-    The disk is that of the cache, without which the run continues; that of the result, where an
-    error is reported and the existing file stays unchanged; or that of temporary files, which a
-    child process needs to read a mesh.
-
-    The arguments are those of `kill_once`; the process has to be allowed to mount.
-
-    Raises
-    ------
-    AssertionError
-        If the run ends by a signal, without an error message, or with a different result.
-    """
-    kind = str(rng.choice([kind for kind in undisturbed.seconds if kind != "worker"]))
-    what = str(rng.choice(["cache", "result", "temporary files"]))
-    needed = {"cache": 8 * WANTED, "result": 4 * 32 + 36, "temporary files": 36}[what]
-    needed *= undisturbed.mesh.n_vertices
-    size = int(needed * rng.uniform(0.05, 2.0)) + (1 << 16)
-    # A mesh is read at the beginning, and a result written at the end.
-    first, last = {"cache": (0.0, 1.0), "result": (0.5, 1.1), "temporary files": (0.0, 0.5)}[what]
-    delay = float(rng.uniform(first, last)) * undisturbed.seconds[kind]
-    disk, out = folder / "disk", folder / "hks.npz"
-    disk.mkdir(parents=True)
-    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)], check=True)
-    try:
-        environment, path, from_proven = dict(os.environ), undisturbed.path, False
-        environment["MESHMASH_CACHE"] = str(folder / "cache")
-        if what == "cache":
-            environment["MESHMASH_CACHE"] = str(disk)
-            from_proven = bool(rng.integers(2)) and size > 0.5 * needed
-            if from_proven:
-                shutil.copytree(undisturbed.proven, disk, dirs_exist_ok=True)
-        elif what == "result":
-            out = disk / "hks.npz"
-            np.savez(out, before=np.arange(100))
-        else:
-            environment["TMPDIR"] = str(disk)
-            path = folder / "blanket.vtp"
-            mesh_to_poly(undisturbed.mesh).save(path)
-        before = out.read_bytes() if out.exists() else b""
-        command = _command(kind, path, out, folder)
-        with subprocess.Popen(
-            command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        ) as process:
-            time.sleep(delay)
-            with suppress(OSError), (disk / "filling").open("wb", buffering=0) as file:
-                while process.poll() is None:
-                    file.write(bytes(1 << 14))
-            said = process.communicate()[1].decode()
-        after = out.read_bytes() if out.exists() else b""
-        result = "no result" if after == before else "a result"
-        done = f"{kind}, {what}: {result}, {'a remark' if said.strip() else 'silent'}"
-        about = (
-            done,
-            process.returncode,
-            f"{size / needed:.2f} of the room",
-            f"{delay:.2f} s",
-            said,
-        )
-        assert "Traceback" not in said, about
-        assert "defect" not in said, about
-        if after != before:
-            assert process.returncode == 0, about
-            with np.load(out) as written:
-                assert len(written["eigenvalues"]) == WANTED
-                np.testing.assert_allclose(
-                    written["eigenvalues"], undisturbed.eigenvalues, rtol=1e-9, atol=1e-12
-                )
-        else:
-            # Without a result the command line fails; a window stays open until it is closed.
-            assert what != "cache", about
-            assert process.returncode == (0 if kind == "window" else 2), about
-            assert said.strip(), about
-        (disk / "filling").unlink()
-        if what == "cache":
-            with cache_at(disk):
-                stored, remark = find_eigenpairs(undisturbed.mesh, OPERATOR, count=WANTED)
-            if from_proven:
-                assert stored is not None, about
-                np.testing.assert_array_equal(stored.rows[:PROVEN], undisturbed.first_rows)
-            assert not remark, about
-        else:
-            left = {file.name for file in disk.rglob("*")} - {"hks.npz"}
-            assert not left, (*about, left)
-        return done
-    finally:
-        subprocess.run(["umount", "-l", str(disk)], check=False)
-        shutil.rmtree(folder, ignore_errors=True)

@@ -1,8 +1,7 @@
 """Random faults in the files of stored eigenpairs, and checks after each.
 
 After a fault, returned values equal the stored ones, all pairs before the first damaged pair are
-available, and only the other pairs are written again. `benchmarks/stores.py` tries any number of
-faults.
+available, and only the other pairs are written again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A few of the inputs of ``./dev bench fuzz``, and tests that faults are detected."""
+"""Broken files of all formats, each of which must give a mesh or one sentence."""
 
 from __future__ import annotations
 

@@ -247,7 +247,7 @@ def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> FloatArray:
 
 
 #: Time before each stage, in steps of an iteration: measured on meshes of 50 to 420 thousand
-#: vertices (`benchmarks/progress.py` measures the accuracy).
+#: vertices.
 _BEFORE = {"matrices": 0.0, "order": 18.0, "eigenpairs": 32.0}
 #: Steps of a slice relative to the usual number, and time to rotate, refine, measure and write its
 #: pairs relative to the time of its steps.
