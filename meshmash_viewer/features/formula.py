@@ -83,9 +83,9 @@ _LARGEST = 1e300
 #: Number of samples of a formula beyond the last eigenvalue, and the value that replaces NaN and
 #: infinity.
 _PLACES, _ANYTHING = 2048, 1e200
-#: Number of halvings of λ in the search for a limit at 0, and the relative difference of three
-#: successive estimates of a limit.
-_HALVINGS, _ALIKE = 64, 1e-7
+#: Number of halvings of λ in the search for a limit at 0, relative difference of three successive
+#: estimates of a limit, and number of halvings from there to the best estimate.
+_HALVINGS, _ALIKE, _FURTHER = 64, 1e-7, 12
 #: Possible units of a parameter as powers of length, the most likely first.
 _POWERS = (0, 2, -2, 1, -1, 4, -4)
 #: Share of samples at which a formula has to be invariant to a change of the unit; less than 1,
@@ -184,9 +184,13 @@ class Formula:
         with np.errstate(all="ignore"):
             straight = 2.0 * halves[1:] - halves[:-1]  # exact where the formula is linear
             most = np.maximum.accumulate(np.abs(halves))[2:]
-            alike = np.abs(np.diff(straight)) <= _ALIKE * most
+            steps = np.abs(np.diff(straight))
+            alike = steps <= _ALIKE * most
         runs = alike[2:] & alike[1:-1] & alike[:-2]
-        return float(straight[np.argmax(runs) + 3]) if runs.any() else otherwise
+        if not runs.any():
+            return otherwise
+        first = int(np.argmax(runs))  # much further on, differences in the formula cancel
+        return float(straight[first + np.argmin(steps[first : first + _FURTHER]) + 1])
 
     @cached_property
     def signed(self) -> bool:
