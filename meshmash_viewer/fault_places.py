@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshmash_viewer.arrays import IntArray
+from meshmash_viewer.arrays import IntArray, first_equal
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.health import Health, ambiguous_edges, first_at_place, repair_mesh
+from meshmash_viewer.health import REPAIRS, ambiguous_edges, first_at_place
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.edges import (
     Edges,
@@ -19,7 +19,10 @@ from meshmash_viewer.surface.edges import (
     side_codes,
     winding_of,
 )
-from meshmash_viewer.units import counted
+from meshmash_viewer.units import counted, format_share
+
+#: Share of the area below which a difference is rounding.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,38 +83,55 @@ def fault_places(mesh: Mesh, fault: str) -> FaultPlaces:
     return FaultPlaces(parts, rank[labels])
 
 
-def repair_effect(mesh: Mesh, name: str, health: Health) -> str:
-    """Describe what a repair would change: "drops 3 faces, opens 9 edges".
+def repair_effect(mesh: Mesh, name: str) -> str:
+    """Describe what a repair would change, with shares: "drops 3 faces, opens 9 boundary edges".
 
-    `health` is the health of the mesh. Maps are not considered.
+    Maps are not considered.
     """
     try:
-        repaired = repair_mesh(mesh.with_only_maps(), name)
+        repaired = REPAIRS[name].apply(mesh.with_only_maps())
     except InputError as fault:
         return str(fault)
-    n_vertices, n_faces = mesh.n_vertices - repaired.n_vertices, mesh.n_faces - repaired.n_faces
     merges = name.startswith("merge")
-    components = health.n_components - 1 if name == "keep_largest_component" else 0
-    opened = closed = 0
-    if merges:
-        closed = health.boundary_edges - len(_open(repaired))
-    elif n_faces and not n_vertices:
-        opened = len(np.setdiff1d(_open(repaired), _open(mesh)))
+    lost, n_turned = 1.0 - repaired.area / mesh.area, 0
+    if name == "orient_faces":
+        n_turned = int((repaired.faces != mesh.faces).any(axis=1).sum())
+    change = "merges" if merges else "drops"
+    n_vertices, n_faces = mesh.n_vertices - repaired.n_vertices, mesh.n_faces - repaired.n_faces
+    n_components = mesh.n_components - repaired.n_components
     counts = (
-        ("drops", components, "component"),
-        ("merges" if merges else "drops", n_vertices, "vertex"),
-        ("drops", n_faces, "face"),
-        ("turns", health.reversed_faces if name == "orient_faces" else 0, "face"),
-        ("opens", opened, "edge"),
-        ("closes", closed, "edge"),
+        (change, n_components, f"{n_components:,} of {counted(mesh.n_components, 'component')}"),
+        (change, n_vertices, _share(n_vertices, "vertex", mesh.n_vertices)),
+        ("drops", n_faces, _share(n_faces, "face", mesh.n_faces)),
+        ("drops", n_faces and lost > _ROUNDING, f"{format_share(lost)} of the area"),
+        ("turns", n_turned, counted(n_turned, "face")),
+        *_edge_changes(mesh, repaired, merges),
     )
     said: list[str] = []
     before = ""
-    for verb, count, noun in counts:
-        if count:
-            said.append(f"{'' if verb == before else verb} {counted(count, noun)}".strip())
+    for verb, count, what in counts:
+        if count > 0:
+            said.append(what if verb == before else f"{verb} {what}")
             before = verb
     return ", ".join(said)
+
+
+def _share(count: int, noun: str, total: int) -> str:
+    return f"{counted(count, noun)} ({format_share(count / total)})"
+
+
+def _edge_changes(mesh: Mesh, repaired: Mesh, merges: bool) -> list[tuple[str, int, str]]:
+    """Count the boundary edges that a repair closes, or opens where faces were at both sides."""
+    if merges:
+        verb, count = "closes", len(_open(mesh)) - len(_open(repaired))
+    else:
+        places = first_equal(np.concatenate([mesh.vertices, repaired.vertices]) + 0.0)
+        before = edges_of(side_codes(places[mesh.proper_faces], len(places)))
+        corners = places[mesh.n_vertices + repaired.proper_faces]
+        after = edges_of(side_codes(corners, len(places)))
+        left = after.keys[after.counts == 1]
+        verb, count = "opens", int(np.isin(left, before.keys[before.counts > 1]).sum())
+    return [(verb, count, counted(count, "boundary edge"))]
 
 
 def _edges(mesh: Mesh) -> Edges:

@@ -12,7 +12,14 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FileNumbering, FloatArray, IntArray, first_equal
 from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.surface.edges import edges_of, join_seams, side_codes, winding_of
+from meshmash_viewer.surface.edges import (
+    count_connected,
+    edges_of,
+    join_seams,
+    side_codes,
+    winding_of,
+)
+from meshmash_viewer.units import counted, format_share
 from meshmash_viewer.vertex_map import VertexMap
 
 #: Angle (rad) below which two faces at an edge have the same direction, above rounding.
@@ -29,6 +36,12 @@ class Health:
     n_components: int
     #: Number of vertices of the largest component.
     largest_component: int
+    #: Area of the largest component.
+    largest_area: float
+    #: Components, if those with an edge at the same place counted as one; and if only those did
+    #: that the repair merge_seams joins.
+    untouching_components: int
+    unseamed_components: int
     #: Edges of one face only.
     boundary_edges: int
     #: Edges of more than two faces.
@@ -83,12 +96,20 @@ def mesh_health(mesh: MeshLike) -> Health:
     shared = edges.keys[edges.counts > 2]
     winding = winding_of(mesh, edges)
     places = first_at_place(mesh)
-    sizes = np.bincount(mesh.component_labels[mesh.referenced])
+    joined = join_seams(places, faces)
+    labels, n_components = mesh.component_labels, mesh.n_components
+    sizes = np.bincount(labels[mesh.referenced])
+    touching = _touching(places[faces], labels[faces[:, 0]])
+    moved = np.flatnonzero(joined != np.arange(mesh.n_vertices))
+    on_largest = labels[mesh.faces[:, 0]] == sizes.argmax()
     return Health(
         n_vertices=mesh.n_vertices,
         n_faces=mesh.n_faces,
-        n_components=len(sizes),
-        largest_component=int(sizes.max(initial=0)),
+        n_components=n_components,
+        largest_component=int(sizes.max()),
+        largest_area=float(mesh.face_areas[on_largest].sum()),
+        untouching_components=count_connected(*touching, n_components),
+        unseamed_components=count_connected(labels[moved], labels[joined[moved]], n_components),
         boundary_edges=int((edges.counts == 1).sum()),
         nonmanifold_edges=len(shared),
         ambiguous_edges=len(ambiguous_edges(mesh.vertices, faces, codes >> 1, shared)),
@@ -98,9 +119,40 @@ def mesh_health(mesh: MeshLike) -> Health:
         reversed_faces=int(winding.reversed_faces.sum()),
         unreferenced_vertices=len(mesh.unreferenced),
         coincident_vertices=_moved(places),
-        seam_vertices=_moved(join_seams(places, faces)),
+        seam_vertices=len(moved),
         area=mesh.area,
     )
+
+
+def first_repair(name: str, health: Health) -> str:
+    """Return the repair to make before, or else in place of, the repair `name`: its own or a merge.
+
+    Components that touch along edges are parts of one surface, and dropping all but the largest
+    would lose most of it: they are merged first.
+    """
+    if name != "keep_largest_component" or health.untouching_components == health.n_components:
+        return name
+    by_seams = health.unseamed_components <= health.untouching_components
+    return "merge_seams" if by_seams else "merge_coincident_vertices"
+
+
+def described_components(health: Health) -> str:
+    """Return sentences on the largest component, and on components that touch."""
+    shares = health.largest_component / health.n_vertices, health.largest_area / health.area
+    vertices, area = map(format_share, shares)
+    said = f"The largest has {vertices} of the vertices and {area} of the area"
+    left = counted(health.untouching_components, "component")
+    touch = f"; components touch, merging leaves {left}"
+    return said + (touch if health.untouching_components < health.n_components else "")
+
+
+def _touching(corners: IntArray, labels: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the `labels` of faces with an edge at the same place; `corners` are their places."""
+    keys = side_codes(corners, int(corners.max(initial=0)) + 1) >> 1
+    order = np.argsort(keys, kind="stable")
+    same = np.flatnonzero(np.diff(keys[order]) == 0)
+    of_side = labels[order // 3]
+    return of_side[same], of_side[same + 1]
 
 
 def listed_repairs(names: Sequence[str]) -> str:
@@ -125,6 +177,11 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     Mesh
         The repaired mesh; remaining vertices keep their order.
 
+    Warns
+    -----
+    MeshWarning
+        If "keep_largest_component" drops components that touch the others along edges.
+
     Examples
     --------
     >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9]]
@@ -136,8 +193,26 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     for name in names:
         if name not in REPAIRS:
             raise InputError(f"There is no repair {name!r}: the repairs are {', '.join(REPAIRS)}.")
+        if name == "keep_largest_component" and repaired.n_components > 1:
+            _warn_of_touching(repaired)
         repaired = REPAIRS[name].apply(repaired)
     return repaired
+
+
+def _warn_of_touching(mesh: Mesh) -> None:
+    if not _moved(first_at_place(mesh)):
+        return
+    health = mesh_health(mesh)
+    first = first_repair("keep_largest_component", health)
+    if first != "keep_largest_component":
+        warnings.warn(
+            f"{of_mesh(mesh.name)}keep_largest_component leaves"
+            f" {format_share(health.largest_area / health.area)} of the area, as components touch:"
+            f" repair with {first} before it, which joins {health.n_components:,} components to"
+            f" {health.untouching_components:,}.",
+            MeshWarning,
+            stacklevel=3,
+        )
 
 
 def largest_component(mesh: MeshLike) -> Mesh:

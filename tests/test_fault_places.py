@@ -9,7 +9,7 @@ import shapes
 import meshmash_viewer as mv
 from meshmash_viewer.errors import MeshWarning
 from meshmash_viewer.fault_places import fault_places, repair_effect
-from meshmash_viewer.health import mesh_health
+from meshmash_viewer.health import first_repair, mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.vertex_map import VertexMap
 
@@ -74,31 +74,92 @@ def test_seams_are_grouped_along_the_edges() -> None:
 @pytest.mark.parametrize(
     ("repair", "effect"),
     [
-        ("keep_largest_component", "drops 1 component, 42 vertices, 80 faces"),
-        ("drop_duplicate_faces", "drops 1 face"),
-        ("drop_unreferenced_vertices", "drops 2 vertices"),
+        (
+            "keep_largest_component",  # and the two vertices of no face
+            "drops 1 of 2 components, 44 vertices (21.4 %), 80 faces (20 %), 3.65 % of the area",
+        ),
+        ("drop_duplicate_faces", "drops 1 face (0.25 %), 0.282 % of the area"),
+        ("drop_unreferenced_vertices", "drops 2 vertices (0.971 %)"),
         ("orient_faces", ""),
     ],
 )
 def test_a_repair_is_described_before_it_is_made(repair: str, effect: str) -> None:
-    mesh = faulty()
+    assert repair_effect(faulty(), repair).replace("\u00a0", " ") == effect
+
+
+def split(mesh: Mesh, n: int = 2) -> Mesh:
+    """Cut a mesh into n layers, each with vertices of its own."""
+    height = mesh.vertices[mesh.faces].mean(axis=1)[:, 0]
+    layer = np.minimum(np.argsort(np.argsort(height)) * n // mesh.n_faces, n - 1)
+    keys = layer[:, None] * mesh.n_vertices + mesh.faces
+    used, faces = np.unique(keys, return_inverse=True)
+    return Mesh(mesh.vertices[used % mesh.n_vertices], faces.reshape(-1, 3))
+
+
+def together(*meshes: Mesh) -> Mesh:
+    starts = np.cumsum([0, *(each.n_vertices for each in meshes)])
+    faces = [each.faces + start for each, start in zip(meshes, starts, strict=False)]
+    return Mesh(np.concatenate([each.vertices for each in meshes]), np.concatenate(faces))
+
+
+def moved(mesh: Mesh, by: float) -> Mesh:
+    return Mesh(mesh.vertices + np.array([by, 0.0, 0.0]), mesh.faces)
+
+
+BALL = shapes.icosphere(2)
+BOOK = Mesh([[0, 0, 0], [0, 0, 1], *([np.cos(a), np.sin(a), 0] for a in range(5))],
+            [[0, 1, 2 + page] for page in range(5)])  # fmt: skip
+FAR = moved(shapes.icosphere(1), 5.0)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "repair", "left"),
+    [
+        (split(BALL, BALL.n_faces), "merge_seams", 1),
+        (split(BALL), "merge_seams", 1),
+        (split(moved(BALL, 1e7), 7), "merge_seams", 1),
+        (Mesh(1e-9 * split(BALL, 7).vertices, split(BALL, 7).faces), "merge_seams", 1),
+        (together(split(BALL, 5), FAR), "merge_seams", 2),
+        (together(split(BALL, 5), Mesh(np.eye(3) + 9.0, [[0, 1, 1], [0, 1, 2]])), "merge_seams", 2),
+        (split(BOOK, 5), "merge_coincident_vertices", 1),
+        (together(BALL, BALL), "merge_coincident_vertices", 1),
+        (together(BALL, FAR), "keep_largest_component", 1),
+        (together(BALL, moved(BALL, 2.0 * BALL.vertices[:, 0].max())), "keep_largest_component", 1),
+        (faulty(), "keep_largest_component", 1),
+    ],
+)  # fmt: skip
+def test_pieces_that_touch_are_merged_before_any_is_dropped(mesh, repair, left) -> None:
     health = mesh_health(mesh)
-    said = repair_effect(mesh, repair, health)
-    if repair == "keep_largest_component":
-        assert said == "drops 1 component, 44 vertices, 80 faces", "the loose ones, too"
-    else:
-        assert said == effect
+    assert first_repair("keep_largest_component", health) == repair
+    merges = repair != "keep_largest_component"
+    assert (health.untouching_components < health.n_components) is merges
+    if merges:
+        with pytest.warns(
+            MeshWarning, match=f"as components touch: repair with {repair} before it"
+        ):
+            mv.largest_component(mesh)
+    repaired = mv.repair_mesh(mesh, repair)
+    assert repaired.n_components == left
+    if merges:
+        assert repaired.area == pytest.approx(mesh.area, rel=1e-12)
+        after = mesh_health(repaired)
+        assert first_repair("keep_largest_component", after) == "keep_largest_component"
 
 
 def test_dropping_flat_faces_opens_edges_and_merging_closes_them() -> None:
     flat = Mesh([[0, 0, 0], [2, 0, 0], [1, 0, 0], [1, 2, 0]], [[0, 1, 2], [0, 1, 3]])
-    assert repair_effect(flat, "drop_degenerate_faces", mesh_health(flat)) == (
-        "drops 1 face, opens 1 edge"
-    )
+    said = repair_effect(flat, "drop_degenerate_faces")
+    assert said.replace("\u00a0", " ") == "drops 1 face (50 %), opens 1 boundary edge"
     box = shapes.icosphere(1)
     soup = Mesh(box.vertices[box.faces].reshape(-1, 3), np.arange(3 * box.n_faces).reshape(-1, 3))
-    effect = repair_effect(soup, "merge_seams", mesh_health(soup))
-    assert effect == "merges 198 vertices, closes 240 edges"
+    assert repair_effect(soup, "merge_seams").replace("\u00a0", " ") == (
+        "merges 79 of 80 components, 198 vertices (82.5 %), closes 240 boundary edges"
+    )
+    # half of a ball in two halves keeps the rim of the other half open
+    halves = split(shapes.icosphere(2))
+    rim = mesh_health(halves).boundary_edges // 2
+    said = repair_effect(halves, "keep_largest_component")
+    assert said.endswith(f"50\u00a0% of the area, opens {rim} boundary edges")
 
 
 def test_a_map_that_a_repair_leaves_without_values_is_named() -> None:

@@ -21,6 +21,7 @@ from meshmash_viewer.cli.cluster import connected, results_of_tasks
 from meshmash_viewer.cli.manifest import Content, Manifest, Outcome, content_of
 from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.fault_places import repair_effect
 from meshmash_viewer.health import repair_mesh
 from meshmash_viewer.io.links import LINK_ENDING, is_link, link_file, parse_link, shown_path
 from meshmash_viewer.io.maps import read_maps, read_mask
@@ -282,7 +283,10 @@ def read(path: Path, options: Namespace) -> Mesh:
 
 def prepared(mesh: Mesh, options: Namespace) -> Mesh:
     """Apply the requested repairs and the mask to a mesh."""
-    mesh = repair_mesh(mesh, *options.repair)
+    for name in options.repair:
+        if effect := repair_effect(mesh, name):
+            say(f"{mesh.name}: {name} {effect}.")
+        mesh = repair_mesh(mesh, name)
     return mesh if options.mask is None else mesh.masked(read_mask(options.mask, mesh))
 
 

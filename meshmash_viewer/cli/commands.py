@@ -36,7 +36,7 @@ from meshmash_viewer.features.comparison import (
 from meshmash_viewer.features.regions import regions as measured_regions
 from meshmash_viewer.features.shape import low_pass_vertices
 from meshmash_viewer.fields import FEATURES
-from meshmash_viewer.health import median_edge_length, mesh_health
+from meshmash_viewer.health import first_repair, median_edge_length, mesh_health
 from meshmash_viewer.io.maps import read_labels
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.spectrum import stored_answer
@@ -74,9 +74,10 @@ def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
 
     Lengths are in ``unit``, eigenvalues in its inverse square. Entries of ``weyl`` are estimates by
     Weyl's law, except entries named in ``exact``: the target, and values from stored eigenpairs of
-    the default Laplacian.
+    the default Laplacian. ``merge_first`` is the repair that joins components that touch, if any.
     """
     health = mesh_health(mesh)
+    first = first_repair("keep_largest_component", health)
     low, high = mesh.bounds
     n = health.n_vertices - health.unreferenced_vertices
     translation = Translation(health.area, n_vertices=n)
@@ -95,6 +96,7 @@ def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
         "structure": mesh.structure,
         "hash": mesh.content_hash,
         **asdict(health),
+        "merge_first": "" if first == "keep_largest_component" else first,
         "bounds": [low.tolist(), high.tolist()],
         "median_edge": median_edge_length(mesh),
         "weyl": {
@@ -120,6 +122,12 @@ def _described_facts(about: dict[str, Any]) -> str:
         disagreeing += (
             f" ({remedy if about['reversed_faces'] else 'the surface has one side only'})"
         )
+    share = format_share(about["largest_area"] / about["area"])
+    components = f"{about['n_components']:,} (largest {about['largest_component']:,}"
+    components += f", {share} of the area)" if about["n_components"] > 1 else ")"
+    if about["merge_first"]:
+        left = f"leaves {about['untouching_components']:,}"
+        components += f"; they touch: the repair {about['merge_first']} {left}"
     rows = [
         ("vertices", f"{about['n_vertices']:,}"),
         ("triangles", f"{about['n_faces']:,}"),
@@ -127,7 +135,7 @@ def _described_facts(about: dict[str, Any]) -> str:
         ("area", format_quantity(about["area"], unit, 2, 4)),
         *([("voxel", written_unit(unit, about["voxel"]))] if about["voxel"] != NO_VOXEL else []),
         *([("structure", about["structure"])] if about["structure"] else []),
-        ("components", f"{about['n_components']:,} (largest {about['largest_component']:,})"),
+        ("components", components),
         ("boundary edges", f"{about['boundary_edges']:,}"),
         ("non-manifold edges", f"{about['nonmanifold_edges']:,}"),
         ("ambiguous edges", ambiguous),
@@ -266,7 +274,8 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
         raise InputError(
             f"{mesh.name}: all {counted(pairs.n_components, 'eigenpair')} are constant on its"
             f" {counted(mesh.n_components, 'component')}, so each component would become a point:"
-            " take more pairs (--count, --max-eigenvalue, --wavelength), or --largest-component."
+            " take more pairs (--count, --max-eigenvalue, --wavelength), merge components that"
+            " touch (see info), or give --largest-component."
         )
     vertices = low_pass_vertices(mesh, pairs, pairs.n_components)
     used = pairs.mass > 0.0

@@ -254,7 +254,8 @@ def comparison_remarks(
     if counts[0] != counts[1]:
         remarks.append(
             f"the meshes have {counts[0]:,} and {counts[1]:,} components, each with an eigenvalue"
-            " of zero, which shifts all others: compare their largest components."
+            " of zero, which shifts all others: merge components that touch, or compare the"
+            " largest."
         )
     if found is None or found.given:
         return remarks

@@ -44,7 +44,8 @@ def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
         raise InputError(
             f"All eigenvalues are zero: {counted(len(spectrum), 'pair')}, one for each component of"
             " the mesh, so times and energies cannot be chosen from them. Compute more pairs"
-            " (--count, n_components=) or keep the largest component (--largest-component)."
+            " (--count, n_components=), merge components that touch (--repair"
+            " merge_coincident_vertices), or keep the largest (--largest-component)."
         )
     return float(above.min())
 

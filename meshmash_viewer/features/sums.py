@@ -230,8 +230,8 @@ class Features:
             said.append(
                 f"values are up to {times[strange].max():,.0f} times those of the largest "
                 f"component on {counted(len(small), 'tiny component')} "
-                f"({counted(int(sizes[small].sum()), 'vertex')}): the repair "
-                "keep_largest_component leaves them out."
+                f"({counted(int(sizes[small].sum()), 'vertex')}): merge components "
+                "that touch, or the repair keep_largest_component leaves them out."
             )
         return said
 

@@ -207,6 +207,11 @@ def _runs(ordered: IntArray) -> tuple[IntArray, IntArray]:
     return starts, np.diff(starts, append=len(ordered))
 
 
+def count_connected(rows: IntArray, columns: IntArray, n: int) -> int:
+    """Return the number of connected components of a graph of n nodes."""
+    return int(connected(rows, columns, n).max(initial=-1)) + 1
+
+
 def connected(rows: IntArray, columns: IntArray, n: int) -> IntArray:
     """Return the connected component of each of n nodes of a graph."""
     from scipy.sparse import coo_array

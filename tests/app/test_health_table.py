@@ -133,7 +133,8 @@ def test_a_row_shows_what_it_counts_and_what_its_repair_would_change(
         click("show_seam_vertices")
     assert not part("health_place_label").isVisible()
     click("show_n_components")
-    qtbot.waitUntil(lambda: "drops 3 components" in part("health_effect_label").text())
+    qtbot.waitUntil(lambda: "merges 2 of 4 comp" in part("health_effect_label").text())
+    assert part("keep_largest_component").text() == "Merge", "each ball is in two chunks"
     document.repair("merge_seams")
     qtbot.waitUntil(lambda: document.repairs == ("merge_seams",), timeout=60_000)
     assert not part("health_place_label").isVisible(), "another mesh"

@@ -17,12 +17,12 @@ from meshmash_viewer.app.controls.field_events import bring_into_view
 from meshmash_viewer.app.controls.make import column, grid, note, row, show_note
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.fault_places import FaultPlaces, fault_places, repair_effect
-from meshmash_viewer.health import REPAIRS, Health
+from meshmash_viewer.health import REPAIRS, described_components, first_repair
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.progress import CancelCallback, Cancelled
-from meshmash_viewer.units import counted, format_share
+from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
@@ -98,7 +98,7 @@ class _Question:
 
     row: _Row
     mesh: Mesh
-    health: Health
+    repair: str
 
 
 class HealthTable(QWidget):
@@ -154,14 +154,12 @@ class HealthTable(QWidget):
         count = make.label(name, f"{each.text}{self._whose}", "–", alignment=right)
         if not each.repair:
             return count, None
-        label = REPAIRS[each.repair].label
         button = make.button(
             each.verb,
             f"{self._prefix}{each.repair}",
-            f"{label}{self._whose}",
-            lambda: self._document.repair(each.repair),
+            f"{REPAIRS[each.repair].label}{self._whose}",
+            lambda: self._document.repair(self._repair(each)),
             role="link",
-            tip=f"{label} (can be undone)",
         )
         button.hide()
         button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # hiding moves the focus of a click
@@ -203,12 +201,18 @@ class HealthTable(QWidget):
     def _ask(self, each: _Row, ready: MeshReady) -> None:
         if self._thread is None:
             self._thread = LatestThread(_found, self._take, parent=self)
-        self._thread.ask(_Question(each, ready.mesh, ready.health))
+        self._thread.ask(_Question(each, ready.mesh, self._repair(each)))
+
+    def _repair(self, each: _Row) -> str:
+        """Return the repair of the button in a row: a merge, if the components touch."""
+        ready = self._document.ready
+        return first_repair(each.repair, ready.health) if ready else each.repair
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Request the tooltip of a repair once the pointer enters its button."""
+        """Request the tooltip of a repair once the pointer or the focus enters its button."""
         ready, waits = self._document.ready, self._chosen is not None and self._places is None
-        if event.type() == QEvent.Type.Enter and ready is not None and not waits:
+        enters = event.type() in (QEvent.Type.Enter, QEvent.Type.FocusIn)
+        if enters and ready is not None and not waits:
             for each, *_, button in self._rows:
                 if button is watched:
                     self._ask(each, ready)
@@ -237,7 +241,7 @@ class HealthTable(QWidget):
         places, marks, effect = found
         for other, *_, button in self._rows:
             if other is each and button is not None and effect:
-                label = REPAIRS[each.repair].label
+                label = REPAIRS[question.repair].label
                 button.setToolTip(f"{label}: {effect} (can be undone)")
         if each is not self._chosen:
             return
@@ -245,7 +249,7 @@ class HealthTable(QWidget):
         if self.scene is not None:
             self.scene.set_marks(marks)
         if effect:
-            show_note(self._effect_note, f"{question.row.verb}: {effect}.")
+            show_note(self._effect_note, f"{_verb(question.row, question.repair)}: {effect}.")
         self._show_place()
         later(self._bring_into_view)
         self._refresh_buttons()
@@ -290,10 +294,7 @@ class HealthTable(QWidget):
             number = getattr(ready.health, each.attribute)
             count.setText(f"{number:,}")
             if each.attribute == "n_components":
-                share = ready.health.largest_component / max(ready.health.n_vertices, 1)
-                count.setToolTip(
-                    f"{each.tooltip}. The largest has {format_share(share)} of the vertices"
-                )
+                count.setToolTip(f"{each.tooltip}. {described_components(ready.health)}")
             if each.fault:
                 name, color = ("warning", colors.warning) if number else ("good", colors.good)
                 mark.setPixmap(theme.pixmap(name, color, 14))
@@ -307,12 +308,20 @@ class HealthTable(QWidget):
             name.setChecked(each is self._chosen)
             if button is not None:
                 todo = REPAIRS[each.repair].count(ready.health) if ready else 0
+                repair = self._repair(each)
+                button.setText(_verb(each, repair))
+                button.setToolTip(f"{REPAIRS[repair].label} (can be undone)")
                 button.setVisible(todo > 0)
                 button.setEnabled(idle)
         for step in (self._previous, self._next):
             step.setEnabled(self._places is not None and self._places.n_groups > 0)
         # while a job runs, Escape cancels the job
         self._escape.setEnabled(self._chosen is not None and idle)
+
+
+def _verb(each: _Row, repair: str) -> str:
+    """Return the text of the button that makes a repair in a row."""
+    return next(row.verb for row in (each, *_ROWS) if row.repair == repair)
 
 
 def _found(question: _Question, cancel: CancelCallback) -> _Found:
@@ -323,5 +332,5 @@ def _found(question: _Question, cancel: CancelCallback) -> _Found:
     marks = Marks(places.parts) if len(places.parts) else None
     if cancel():
         raise Cancelled
-    effect = repair_effect(mesh, row.repair, question.health) if row.repair else ""
+    effect = repair_effect(mesh, question.repair) if question.repair else ""
     return places, marks, effect

@@ -22,6 +22,7 @@ from meshmash_viewer.app.plots.panel import PlotSaver
 from meshmash_viewer.app.plots.plot import MatrixView, Plot, Series, dashed, solid
 from meshmash_viewer.features.comparison import Comparison, FunctionMatches, comparison_remarks
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.health import described_components, first_repair
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.mesh import mask_text
 from meshmash_viewer.model.document import Document
@@ -223,12 +224,13 @@ class PairPanel(QWidget):
         return slot
 
     def _keep_largest(self) -> None:
-        """Keep the largest component of each mesh, and compute again."""
+        """Merge components that touch, else keep the largest, of each mesh; compute again."""
         if self._pair is not None:
             for document in (self._pair.second, self._pair.first):
                 if document.ready is not None and document.ready.health.n_components > 1:
                     first = document is self._pair.first
-                    document.repair("keep_largest_component", then_compute=first)
+                    name = first_repair("keep_largest_component", document.ready.health)
+                    document.repair(name, then_compute=first)
 
     def _save(self) -> None:
         path = ask_to_save(self, self._document, "match", "match.npz", "Tables", WRITERS)
@@ -317,7 +319,12 @@ class PairPanel(QWidget):
         second = None if pair is None else pair.second.ready
         remarks, counts = list[str](), (1, 1)
         if pair is not None and first is not None and second is not None:
-            counts = first.health.n_components, second.health.n_components
+            healths = first.health, second.health
+            counts = healths[0].n_components, healths[1].n_components
+            touch = any(each.untouching_components < each.n_components for each in healths)
+            words = "Merge components that touch" if touch else "Keep the largest component of each"
+            self.largest_button.setText(words)
+            self.largest_button.setToolTip(". ".join(map(described_components, healths)))
             remarks = comparison_remarks(
                 first.mesh, second.mesh, n_components=counts, found=pair.comparison
             )

@@ -22,10 +22,11 @@ from meshmash_viewer.app.controls.make import grid, reserved_note
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.health import first_repair
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.weyl import Target, Translation, resolved_time, wavelength
-from meshmash_viewer.units import counted, format_range, power_unit
+from meshmash_viewer.units import counted, format_range, format_share, power_unit
 
 #: Share of zero eigenvalues from which the removal of small components is offered.
 _MANY_ZEROS = 0.1
@@ -122,7 +123,7 @@ class TargetBox(QWidget):
             "Keep largest and compute",  # no wider than the panel at its narrowest
             "keep_largest_and_compute",
             "Keep the largest component and compute",
-            lambda: document.repair("keep_largest_component", then_compute=True),
+            lambda: document.repair(self._first_repair(), then_compute=True),
             role="link",
         )
         self.keep_button.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click hides the button
@@ -181,11 +182,22 @@ class TargetBox(QWidget):
         """Offer to keep the largest component if the others account for many of the pairs."""
         others, health = ready.health.n_components - 1, ready.health
         left = health.n_vertices - health.unreferenced_vertices - health.largest_component
-        what = f"{counted(others, 'component')} with {counted(left, 'vertex')}"
-        self.keep_button.setToolTip(f"Drops {what}, and computes the rest; can be undone")
+        share = format_share(1.0 - health.largest_area / health.area)
+        what = f"{counted(others, 'component')} with {counted(left, 'vertex')}, {share} of the area"
+        merges = self._first_repair() != "keep_largest_component"
+        if merges:
+            what = f"components that touch: {health.untouching_components:,} are left"
+        text, verb = ("Merge", "Merges") if merges else ("Keep largest", "Drops")
+        self.keep_button.setText(f"{text} and compute")
+        self.keep_button.setToolTip(f"{verb} {what}; then computes; can be undone")
         offered = self._document.part_mesh is None and others > 0 and others >= _MANY_ZEROS * count
-        self.keep_button.setVisible(offered and left < health.largest_component)
+        self.keep_button.setVisible(offered and (merges or left < health.largest_component))
         self.keep_button.setEnabled(self._document.work.job is None)
+
+    def _first_repair(self) -> str:
+        ready = self._document.solved
+        name = "keep_largest_component"
+        return name if ready is None else first_repair(name, ready.health)
 
     def _show(self, shown: Mapping[str, tuple[float | None, bool]]) -> None:
         """Show numbers, with "≈" before estimates."""
