@@ -163,7 +163,7 @@ def moving(path: Path) -> tuple[list[np.ndarray], float]:
 def test_a_sweep_shows_the_picture_of_each_column(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:
-    out, alone = tmp_path / "film.apng", tmp_path / "alone.png"
+    out, alone = tmp_path / "sweep.gif", tmp_path / "alone.png"
     options = ("--count", 12, "--size", "320x240")
     done = run(capsys, "movie", ball, *options, "--sweep", "2:10:2", "-o", out, "--json")
     assert (done[0], done[2]) == (0, "")
@@ -177,7 +177,7 @@ def test_a_sweep_shows_the_picture_of_each_column(
         assert run(capsys, "render", ball, *options, *field, "-o", alone)[0] == 0
         wanted = np.asarray(Image.open(alone).convert("RGB")).astype(int)
         low = (slice(60, None), slice(None))  # below the title, which `render` words differently
-        assert np.abs(shown[at][low] - wanted[low]).mean() < 0.5
+        assert np.abs(shown[at][low] - wanted[low]).mean() < 1.5
     # `--seconds` and `--rate` set the number of frames and the duration.
     film = ("--kind", "hks", "--sweep", ":", "--seconds", 2, "--rate", 10)
     assert run(capsys, "movie", ball, *options, *film, "-o", tmp_path / "film.gif")[0] == 0
@@ -193,7 +193,7 @@ def test_a_turn_shows_the_mesh_from_all_around(
     pytest.importorskip("imageio_ffmpeg")
     from imageio_ffmpeg import count_frames_and_secs
 
-    out = tmp_path / "turn.webp"
+    out = tmp_path / "turn.gif"
     options = ("--count", 9, "--size", "160x120", "--turntable", "--column", 2)
     options += ("--rate", 8, "--seconds", 1)
     status, text, err = run(capsys, "movie", ball, *options, "-o", out)
@@ -243,7 +243,7 @@ def test_an_interrupted_movie_leaves_nothing(
         ("gallery {ball} -o out.png --count 9 --colormap x", "colour map"),
         ("gallery {ball} -o out.png --count 9 --limits 2 1", "swap"),
         ("movie {ball} -o film.gif", "--sweep --turntable"),
-        ("movie {ball} -o film.avi --turntable", ".webp"),
+        ("movie {ball} -o film.avi --turntable", ".mp4 .gif"),
         ("movie {ball} -o no/film.gif --turntable", "no folder"),
         ("movie {ball} -o film.mp4 --turntable --size 65x64", "64x64"),
         ("movie {ball} -o film.gif --turntable --rate 80", "up to 50"),

@@ -202,7 +202,7 @@ def command_parser() -> ArgumentParser:
     moves = movie.add_mutually_exclusive_group(required=True)
     add_options(moves, "--sweep", "--turntable")
     add_options(movie, "--column", "--rate", "--seconds")
-    _add_output(movie, "OUT", "file to write: .mp4, .gif, .webp or .apng")
+    _add_output(movie, "OUT", "file to write: .mp4 or .gif")
     _add_looks(movie, (1280, 720))
     for each in commands.choices.values():
         add_options(each, "--json")

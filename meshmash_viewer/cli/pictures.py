@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain, islice
 from typing import Any
 
 from meshmash_viewer.cli.arguments import NO_FIELD, chosen_family, in_unit, options_of
@@ -20,7 +18,6 @@ from meshmash_viewer.cli.batch import (
     solved,
     with_maps,
 )
-from meshmash_viewer.cli.streams import say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.truncation import missing_sentence
@@ -38,13 +35,7 @@ from meshmash_viewer.fields.table import (
     n_frames,
     sweep,
 )
-from meshmash_viewer.io.movie import (
-    TURN_RATE,
-    TURN_SECONDS,
-    check_movie,
-    estimated_bytes,
-    movie_file,
-)
+from meshmash_viewer.io.movie import TURN_RATE, TURN_SECONDS, check_movie, movie_file
 from meshmash_viewer.io.write import check_output, write_picture
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
@@ -57,8 +48,6 @@ from meshmash_viewer.units import counted
 
 #: Default number of pictures of a gallery, and least default number of columns of a family.
 _PICTURES, _LEAST = 24, 2
-#: Number of frames from which the size of a movie is estimated.
-_MEASURED = 6
 _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 
 
@@ -258,14 +247,8 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
         shots = [Shot(view=each) for each in turntable(drawing, view, count)]
     check_movie(path, size, rate)
     length = f"{counted(len(shots), 'frame')}, {len(shots) / rate:.4g} s"
-    frames: Iterator[Any] = draw_series(drawing, size, shots, display)
-    if sys.stderr.isatty():
-        first = list(islice(frames, _MEASURED))
-        about = estimated_bytes(path.suffix.lower(), first, rate, len(shots))
-        say(f"{length}, about {written_bytes(about)}")
-        frames = chain(first, frames)
-    with progress_bar(mesh) as bar, movie_file(path, size, rate, len(shots)) as add:
-        for done, frame in enumerate(frames, 1):
+    with progress_bar(mesh) as bar, movie_file(path, size, rate) as add:
+        for done, frame in enumerate(draw_series(drawing, size, shots, display), 1):
             add(frame)
             _show(bar, done, len(shots), "frames")
     report |= {

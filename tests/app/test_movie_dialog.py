@@ -50,19 +50,14 @@ def type_in(dialog: QDialog, **texts: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.pixels
-def test_a_sweep_is_told_first_and_then_made(
-    qtbot: QtBot, window: MainWindow, tmp_path: Path
-) -> None:
+def test_a_sweep_is_described_and_made(qtbot: QtBot, window: MainWindow, tmp_path: Path) -> None:
     out = tmp_path / "film.gif"
     dialog = opened(qtbot, window, out)
     type_in(dialog, movie_first_spin="2", movie_last_spin="6")
     length = part(dialog, "movie_length_label")
-    assert length.text().startswith("5 frames, 1.25 s")
-    qtbot.waitUntil(lambda: "about" in length.text(), timeout=PATIENCE)
-    told = float(length.text().split("about ")[1].split()[0])
+    assert length.text() == "5 frames, 1.25 s"
     QTest.mouseClick(part(dialog, "movie_save_button"), LEFT)
     qtbot.waitUntil(out.exists, timeout=PATIENCE)
-    assert told * 1000.0 == pytest.approx(out.stat().st_size, rel=0.05)
     qtbot.waitUntil(lambda: not window.findChildren(QDialog, "movie_dialog"), timeout=PATIENCE)
     assert f"Movie saved to {out}" in part(window, "message_text").text()
     frames, length = [], 0.0
@@ -81,11 +76,11 @@ def test_a_sweep_is_told_first_and_then_made(
 def test_a_turn_can_be_cancelled_and_leaves_nothing(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
-    dialog = opened(qtbot, window, tmp_path / "turn.webp")
+    dialog = opened(qtbot, window, tmp_path / "turn.mp4")
     motion = part(dialog, "movie_motion_combo")
     QTest.keyClick(motion, Qt.Key.Key_Down)
     assert not part(dialog, "movie_first_spin").isEnabled()
-    assert part(dialog, "movie_length_label").text().startswith("150 frames, 6 s")
+    assert part(dialog, "movie_length_label").text() == "150 frames, 6 s"
     progress = part(dialog, "movie_progress_bar")
     for way in ("cancel", "close"):
         QTest.mouseClick(part(dialog, "movie_save_button"), LEFT)
@@ -107,14 +102,14 @@ def test_a_turn_can_be_cancelled_and_leaves_nothing(
 def test_what_cannot_be_filmed_is_said_before(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sentence = "An MP4 needs ffmpeg, which is not installed."
+    sentence = "An MP4 needs imageio-ffmpeg, which is not installed."
     monkeypatch.setattr(
         movie_dialog, "missing_encoder", lambda ending: sentence if ending == ".mp4" else ""
     )
-    dialog = opened(qtbot, window, tmp_path / "film.apng")
+    dialog = opened(qtbot, window, tmp_path / "film.gif")
     formats, remark = part(dialog, "movie_format_combo"), part(dialog, "movie_remark_label")
     save = part(dialog, "movie_save_button")
-    assert formats.currentData() == ".apng", "the name says which"
+    assert formats.currentData() == ".gif", "the name says which"
     assert not formats.model().item(formats.findData(".mp4")).isEnabled()
     assert remark.text() == sentence
     assert save.isEnabled()
@@ -125,7 +120,7 @@ def test_what_cannot_be_filmed_is_said_before(
     assert save.isEnabled()
     edit = part(dialog, "file_edit")
     edit.selectAll()
-    QTest.keyClicks(edit, str(tmp_path / "nowhere" / "film.apng"))
+    QTest.keyClicks(edit, str(tmp_path / "nowhere" / "film.gif"))
     QTest.mouseClick(save, LEFT)
     assert "nowhere" in remark.text()
     assert dialog.isVisible()

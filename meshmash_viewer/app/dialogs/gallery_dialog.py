@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QIcon, QImage, QKeyEvent, QPixmap
 from PySide6.QtWidgets import QLabel, QListView, QListWidget, QListWidgetItem, QWidget
 
@@ -16,7 +16,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.field_events import FieldWheel
 from meshmash_viewer.app.controls.make import column, keep_room, reserved_note, row
-from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog
+from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog, SeriesPainter
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.figure import FigureOptions
@@ -47,7 +47,13 @@ class GalleryDialog(SeriesDialog):
         super().__init__(parent)
         theme.named(self, "gallery_dialog").setWindowTitle("Gallery")
         self.resize(1160, 740)
-        self._set_up(document, scene, "gallery", _DELAY)
+        self._set_up(document, scene, "gallery")
+        self._draft_painter = SeriesPainter(self)
+        self._draft_painter.drawn.connect(self._show_draft)
+        self._draft_painter.failed.connect(self._show_failure)
+        self._delay = QTimer(self, singleShot=True, interval=_DELAY)
+        self._delay.timeout.connect(self._draw_draft)
+        scene.frames.stand_in_made.connect(self._draw_draft)
         self._path = Path()
         self._families: list[Family] = []
         self._build()
@@ -227,6 +233,9 @@ class GalleryDialog(SeriesDialog):
 
     def done(self, result: int) -> None:
         theme.notifier().changed.disconnect(self._draw_draft)
+        self._scene.frames.stand_in_made.disconnect(self._draw_draft)
+        self._delay.stop()
+        self._draft_painter.close()
         super().done(result)
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import replace
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from PySide6.QtGui import QStandardItemModel
@@ -14,7 +13,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.app.controls.number_field import NumberField, WholeField
 from meshmash_viewer.app.dialogs.files import FormatDialog
-from meshmash_viewer.app.dialogs.series import Picture, Run, SeriesDialog, Sink
+from meshmash_viewer.app.dialogs.series import Picture, SeriesDialog
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
@@ -27,24 +26,20 @@ from meshmash_viewer.io.movie import (
     TURN_RATE,
     TURN_SECONDS,
     check_movie,
-    estimated_bytes,
     missing_encoder,
     movie_file,
 )
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import request_of, shown_family
-from meshmash_viewer.spectral.cost import written_bytes
+from meshmash_viewer.model.field import shown_family
 from meshmash_viewer.units import counted
 
 _SWEEP, _TURN = "sweep", "turn"
-_NAMES = {".mp4": "MP4 (H.264)", ".gif": "GIF", ".webp": "WebP", ".apng": "APNG"}
+_NAMES = {".mp4": "MP4 (H.264)", ".gif": "GIF"}
 _LARGEST = 8192
-#: Number of frames for the estimate of the size, and delay of the estimate in ms.
-_MEASURED, _DELAY = 6, 500
 
 
 class MovieDialog(SeriesDialog, FormatDialog):
-    """Dialog for the parameters of a movie, which shows its length and size, and makes it.
+    """Dialog for the parameters of a movie, which shows its length, and makes it.
 
     `path` is the suggested file without its ending.
     """
@@ -53,9 +48,8 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self, document: Document, scene: MeshView, path: Path, parent: QWidget | None = None
     ) -> None:
         missing = {ending: missing_encoder(ending) for ending in _NAMES}
-        super().__init__("movie", "Save movie", path, _NAMES, parent, missing, "ffmpeg")
-        self._set_up(document, scene, "movie", _DELAY)
-        self._size_text = ""
+        super().__init__("movie", "Save movie", path, _NAMES, parent, missing, "imageio-ffmpeg")
+        self._set_up(document, scene, "movie")
         self._build()
         events = document.display.events
         signals = events.kind, events.fields, document.spectrum_changed, document.mesh_changed
@@ -133,19 +127,15 @@ class MovieDialog(SeriesDialog, FormatDialog):
         families, rate = film(shown_family(display), spectrum, self.range.columns, rate, seconds)
         return families, len(families), rate
 
-    def _shots(self, drawing: MeshRenderer, *, has_field: bool) -> tuple[list[Shot], float]:
-        """Set the view of the drawing; return all frames and the frame rate.
-
-        With `has_field`, the drawing already shows the field, which a turn does not compute then.
-        """
+    def _shots(self, drawing: MeshRenderer) -> tuple[list[Shot], float]:
+        """Set the view of the drawing; return all frames and the frame rate."""
         families, count, rate = self._frames()
         drawing.view = series_view(
             drawing, self.frame_size, self._pixels_on_screen, turning=not families
         )
         if families:
             return self._shots_of(families), rate
-        request = None if has_field else request_of(self._document)
-        return [Shot(request, each) for each in turntable(drawing, drawing.view, count)], rate
+        return [Shot(view=each) for each in turntable(drawing, drawing.view, count)], rate
 
     # -- following ----------------------------------------------------------------------------
 
@@ -187,11 +177,8 @@ class MovieDialog(SeriesDialog, FormatDialog):
         self.seconds_spin.show_value(seconds, "s", with_unit=True)
 
     def _refresh(self) -> None:
-        self._size_text = ""
-        self._draft_painter.stop()
         for widget in (self._form.labelForField(self.range), self.range):
             widget.setEnabled(not self.turns)
-        self._delay.start()
         self._refresh_remark()
 
     def _refresh_remark(self) -> None:
@@ -202,7 +189,6 @@ class MovieDialog(SeriesDialog, FormatDialog):
         with suppress(InputError):
             _, count, rate = self._frames()
             text = f"{counted(count, 'frame')}, {count / rate:.4g} s"
-            text += f", {self._size_text or 'measuring the size …'}"
         self.length_label.setText(text)
 
     def _fault(self) -> str:
@@ -214,37 +200,15 @@ class MovieDialog(SeriesDialog, FormatDialog):
 
     # -- making -------------------------------------------------------------------------------
 
-    def _draw_draft(self) -> None:
-        """Draw some frames of a coarse mesh to estimate the size of the movie."""
-        small = None if self._painter.busy else self._scene.frames.small_twin()
-        if small is None:
-            return
-        drawing, picked = small
-        try:
-            shots, rate = self._shots(drawing, has_field=picked is None)
-        except InputError:
-            return
-        first, display = shots[:_MEASURED], replace(self._document.display)
-        sink = _estimate(self.ending, rate, len(first), len(shots))
-        run = Run(drawing, self.frame_size, first, display, sink, picked=picked)
-        self._draft_painter.start(run)
-
-    def _show_draft(self, _at: int, made: object) -> None:
-        if isinstance(made, int):
-            self._size_text = f"about {written_bytes(made)}"
-            self._refresh_remark()
-
     def _save(self) -> None:
         """Make the movie; `_finish` closes the dialog."""
         drawing = self._scene.renderer.twin()
         try:
-            shots, rate = self._shots(drawing, has_field=True)
+            shots, rate = self._shots(drawing)
         except InputError as error:
             self.remark_label.setText(str(error))
             return
-        self._delay.stop()
-        self._draft_painter.stop()
-        sink = _movie_sink(self.path, self.frame_size, rate, len(shots))
+        sink = _movie_sink(self.path, self.frame_size, rate)
         self._save_series(drawing, self.frame_size, shots, sink)
 
     def _show_saving(self, saving: bool) -> None:
@@ -279,18 +243,7 @@ def _add(value: float, steps: int) -> float:
 
 @contextmanager
 def _movie_sink(
-    path: Path, size: tuple[int, int], rate: float, count: int
+    path: Path, size: tuple[int, int], rate: float
 ) -> Iterator[Callable[[int, Picture, Caption | None], None]]:
-    with movie_file(path, size, rate, count) as add:
+    with movie_file(path, size, rate) as add:
         yield lambda _at, picture, _caption: add(picture)
-
-
-def _estimate(ending: str, rate: float, count: int, of: int) -> Sink:
-    """Return a sink that returns the estimated size of the movie in bytes at the last picture."""
-    frames = []
-
-    def take(at: int, picture: Picture, _caption: Caption | None) -> int | None:
-        frames.append(picture)
-        return estimated_bytes(ending, frames, rate, of) if at == count - 1 else None
-
-    return nullcontext(take)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QDialog, QLabel, QProgressBar, QWidget
 
 from meshmash_viewer.app import theme
@@ -162,18 +162,17 @@ class ColumnRange(QWidget):
 
 
 class SeriesDialog(QDialog):
-    """Base class of dialogs that draw a draft after each change, and save a file on request.
+    """Base class of dialogs that draw a series of pictures into a file on request.
 
-    Subclasses call `_set_up`, make `remark_label`, and implement `_draw_draft`, `_show_draft`,
-    `_show_saving` and `_finish`.
+    Subclasses call `_set_up`, make `remark_label`, and implement `_show_saving` and `_finish`.
     """
 
     #: Path of the file that has been written.
     saved = Signal(object)
     remark_label: QLabel
 
-    def _set_up(self, document: Document, scene: MeshView, name: str, delay: int) -> None:
-        """Make common widgets and painters; a draft is drawn `delay` ms after the last change."""
+    def _set_up(self, document: Document, scene: MeshView, name: str) -> None:
+        """Make the common widgets and the painter."""
         self._document, self._scene, self._mesh = document, scene, document.mesh
         self._state: tuple[Any, ...] = ()
         self.range = ColumnRange(name)
@@ -181,18 +180,11 @@ class SeriesDialog(QDialog):
         self.progress_bar.setTextVisible(False)
         keep_room(self.progress_bar)
         self.progress_bar.hide()
-        self._painter, self._draft_painter = SeriesPainter(self), SeriesPainter(self)
+        self._painter = SeriesPainter(self)
         self._painter.drawn.connect(self._show_progress)
         self._painter.finished.connect(self._finish)
         self._painter.failed.connect(self._show_failure)
-        self._draft_painter.drawn.connect(self._show_draft)
-        self._draft_painter.failed.connect(self._show_failure)
-        self._delay = QTimer(self, singleShot=True, interval=delay)
-        self._delay.timeout.connect(self._draw_draft)
-        scene.frames.stand_in_made.connect(self._draw_draft)
 
-    def _draw_draft(self) -> None: ...
-    def _show_draft(self, at: int, made: object) -> None: ...
     def _show_saving(self, saving: bool) -> None: ...
     def _finish(self) -> None: ...
 
@@ -241,8 +233,5 @@ class SeriesDialog(QDialog):
 
     def done(self, result: int) -> None:
         stop_listening(self)
-        self._delay.stop()
-        for painter in (self._painter, self._draft_painter):
-            painter.close()
-        self._scene.frames.stand_in_made.disconnect(self._draw_draft)
+        self._painter.close()
         super().done(result)
