@@ -191,7 +191,7 @@ COMMANDS: tuple[Command, ...] = (
       )),
     Command("nodal_lines", "Nodal lines", "View",
             "Draw the lines where the field is zero, or at round distances", ("N",),
-            checkable=True, toolbar="Nodal lines", icon="nodal", needs="lines"),
+            checkable=True, needs="lines"),
     Command("label_borders", "Borders of labels", "View",
             "Draw the borders between the labels of the current set, over any field", ("B",),
             checkable=True, needs="mesh"),
@@ -250,7 +250,7 @@ COMMANDS: tuple[Command, ...] = (
             "Show all hidden vertices and small components", ("Shift+H",), needs="hidden"),
     # -- Field
     Command("play", "Play", "Field", "Step through eigenfunctions, times or columns automatically",
-            ("Space",), checkable=True, toolbar="Play", icon="play", needs="spectrum"),
+            ("Space",), checkable=True, needs="spectrum"),
     Command("next", "Next", "Field", "The next eigenfunction, time or column", ("Right",),
             separated=True, needs="spectrum", does=("step", 1)),
     Command("previous", "Previous", "Field", "The previous eigenfunction, time or column",
@@ -266,7 +266,7 @@ COMMANDS: tuple[Command, ...] = (
             needs="spectrum"),
     Command("flip", "Flip sign", "Field",
             "Draw the eigenfunction with the opposite sign, which is equally valid", ("F",),
-            toolbar="Flip sign", icon="flip", separated=True, needs="sign"),
+            separated=True, needs="sign"),
     *(
         Command(f"show_{name}", family.label, "Field", family.tip,
                 (str(at),) if at < 10 else (),
@@ -375,7 +375,7 @@ class Actions:
 
 
 #: Commands whose buttons lose their text if the toolbar is too wide, in this order.
-_BY_ICON = ("help", "flip", "nodal_lines", "reset_camera", "save_picture", "export", "play")
+_BY_ICON = ("help", "reset_camera", "save_picture", "export")
 _ROLES = {"quit": QAction.MenuRole.QuitRole, "about": QAction.MenuRole.AboutRole}
 
 

@@ -323,12 +323,8 @@ ICONS: dict[str, str] = {
     "picture": '<rect x="3" y="5" width="18" height="14" rx="1.5"/>'
     '<circle cx="8.5" cy="10" r="1.6"/><path d="M4 18l6-5 3.5 3 3-2.5L20 17"/>',
     "reset": '<path d="M4 9V4h5M20 9V4h-5M4 15v5h5M20 15v5h-5"/><circle cx="12" cy="12" r="2.5"/>',
-    "nodal": '<circle cx="12" cy="12" r="8.5"/><path d="M4 10c4-3.5 6 5 16 1.5"/>'
-    '<path d="M11 3.6c-2 5 3 8 1 16.8"/>',
     "select": '<path d="M4 8V4h4M16 4h4v4M20 16v4h-4M8 20H4v-4" stroke-dasharray="3 2"/>'
     '<path d="M9 8l8 5-3.6.9L11.7 17z"/>',
-    "flip": '<path d="M12 3v18"/><path d="M9 7L3.5 17H9z"/><path d="M15 7l5.5 10H15z"/>',
-    "play": '<path d="M7 4.5v15l12-7.5z"/>',
     "help": '<circle cx="12" cy="12" r="8.5"/><path d="M9.4 9.6a2.7 2.7 0 1 1 3.9 2.5'
     'c-.9.5-1.3 1-1.3 2"/><path d="M12 17v.3"/>',
     "close": '<path d="M6 6l12 12M18 6L6 18"/>',

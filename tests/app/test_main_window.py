@@ -732,16 +732,13 @@ def test_lines_can_be_left_out_wherever_they_are_drawn(
     assert not flip.isEnabled()
 
 
-def test_what_is_on_is_ticked_and_called_the_same_everywhere(ball: MainWindow) -> None:
-    tick = ball.actions_["nodal_lines"]
-    for on in (True, False):
-        box = ball.field_panel.findChild(QCheckBox, "nodal_lines_check")
-        QTest.mouseClick(box, LEFT, pos=QPoint(8, box.height() // 2))
-        catch_up()
-        assert ball.document.display.nodal_lines is on
-        assert tick.isChecked() is on
-    button = ball.toolbar.widgetForAction(ball.actions_["reset_camera"])
-    assert button.text() == ball.actions_["reset_camera"].text() == "Reset camera"
+def test_play_flip_sign_and_nodal_lines_are_in_the_menus_only(ball: MainWindow) -> None:
+    texts = [action.iconText() for action in ball.toolbar.actions() if not action.isSeparator()]
+    assert texts == ["Open", "Export", "Picture", "Reset camera", "Select", "Help"]
+    buttons = ball.field_panel.findChildren(QAbstractButton)
+    assert not {"Play", "Flip sign", "Nodal lines"} & {button.text() for button in buttons}
+    for menu, name in (("Field", "play"), ("Field", "flip"), ("View", "nodal_lines")):
+        assert ball.actions_[name] in ball.menus[menu].actions()
 
 
 @pytest.mark.parametrize("size", [(1100, 700), slow((1500, 950))])

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QHBoxLayout,
-    QPushButton,
     QSizePolicy,
     QSpinBox,
     QWidget,
@@ -55,24 +54,6 @@ class Player(QObject):
         else:
             self._timer.stop()
             display.playing = False
-
-
-class PlayButton(QPushButton):
-    """Button that starts and stops playing."""
-
-    def __init__(self, document: Document, name: str) -> None:
-        super().__init__("Play")
-        tip = "Step automatically in a loop (Space)"
-        theme.named(self, name, "Play: step automatically", tip=tip)
-        self.setCheckable(True)
-        self._document = document
-        self.toggled.connect(partial(setattr, document.display, "playing"))
-        follow(document.display.events.playing, self._refresh)
-
-    def _refresh(self) -> None:
-        playing = self._document.display.playing
-        self.setChecked(playing)
-        self.setText("Stop" if playing else "Play")
 
 
 class FamilyTab(QWidget):
@@ -145,11 +126,9 @@ class FamilyTab(QWidget):
         self.times.given.connect(lambda time: self._change(**{self.family.position[0]: time}))
         return self.times
 
-    def _make_index_row(self, name: str, accessible: str, *more: Part) -> QHBoxLayout:
+    def _make_index_row(self, name: str, accessible: str) -> QHBoxLayout:
         self.spin = make.spin(f"{name}_spin", accessible, self._choose)
-        return row(
-            self.spin, PlayButton(self._document, f"{name}_play_button"), None, *more, spacing=6
-        )
+        return row(self.spin, None)
 
     def _make_count_row(self, text: str, tip: str) -> QHBoxLayout:
         counted = self.family.counted
@@ -284,14 +263,13 @@ class FamilyForm(FamilyTab):
             slider = self._make_slider(f"{name}_slider", one)
             index = self._make_index_row(name, f"{one}, counted from 0")
             return slider, index, self.facts
-        play = PlayButton(self._document, f"{self.family.name}_play_button")
         slider = self._make_time_slider(f"{name}_slider", f"{one}, in log scale")
         declared = replace(self.family.declared()[self.position], text=one)
         self.number = ParameterRow(name, declared, partial(self._set_parameter, self.position))
         fault = make.note(f"{name}_field_fault", "error")
         assert isinstance(self.number.control, NumberField)
         self.number.control.refused.connect(lambda sentence: make.show_note(fault, sentence))
-        return slider, self.number, fault, row((self.facts,), play)
+        return slider, self.number, fault, self.facts
 
     def _set_parameter(self, name: str, value: Any) -> None:
         self._change(**{name: value})

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker
 
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.document_controls import ComputeButton
-from meshmash_viewer.app.controls.make import Facts, Part, note, row, show_note, show_quietly
+from meshmash_viewer.app.controls.make import Facts, Part, note, row, show_note
 from meshmash_viewer.app.listening import listen
-from meshmash_viewer.app.tabs.form import FamilyTab, PlayButton
+from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.features.distances import MEASURES
 from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields import FEATURES
@@ -25,7 +24,6 @@ from meshmash_viewer.model.pins import Pin, pin_at
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import NO_BREAK, counted, format_quantity, power_unit
 
-_LINES = "Lines at round distances"
 _ABOUT = {
     "geodesic": "Along the surface, by the heat method: right to about an edge.",
     "biharmonic": "Smooth at the vertex; far from the vertex it depends on the whole shape.",
@@ -110,21 +108,14 @@ class DistanceTab(PinChooser):
         )
         self.about = note("distance_about")
         self.time_label = make.label("distance_time_label", "Time of diffusion")
-        self.play = PlayButton(self._document, "distance_play_button")
         self.facts = Facts({"distance_pins_label": "To the other pins"})
-        self.lines_check = make.check(
-            _LINES,
-            "distance_lines_check",
-            "Draw lines at round distances",
-            partial(setattr, self._document.display, "nodal_lines"),
-        )
         self.missing_note = note("distance_missing_label", "warning")
         self.compute_button = ComputeButton(self._document, "distance_compute_button")
         measure = make.muted("Distance"), self.measure_combo, self.about
         slider = self._make_time_slider("distance_time_slider", "Time of diffusion, in log scale")
-        time = row(self.time_label, None, self.play), slider
+        time = self.time_label, slider
         compute = row(self.compute_button, None)
-        parts = *measure, *time, self.facts, self.lines_check, self.missing_note, compute
+        parts = *measure, *time, self.facts, self.missing_note, compute
         self._fill("distance_label", "", *self._make_pin_choice(), *parts)
 
     def refresh(self) -> None:
@@ -132,9 +123,8 @@ class DistanceTab(PinChooser):
         self.title.setText(f"Distance from {self._show_pin(chosen.vertex)}")
         self.measure_combo.setCurrentIndex(self.measure_combo.findData(chosen.measure))
         show_note(self.about, _ABOUT[chosen.measure])
-        show_quietly(self.lines_check, self._document.display.nodal_lines)
         spectrum = self._document.scaled_spectrum
-        for widget in (self.time_label, self.play, self.times):
+        for widget in (self.time_label, self.times):
             widget.setVisible(chosen.timed)
         if chosen.timed and spectrum is not None:
             self._show_time(chosen, spectrum)
@@ -163,8 +153,6 @@ class DistanceTab(PinChooser):
             if pin.vertex != family.vertex and np.isfinite(field.values[pin.vertex])
         ]
         self.facts.show_value("distance_pins_label", "\n".join(far))
-        text = field.spacing_text
-        self.lines_check.setText(text[:1].upper() + text[1:] or _LINES)
         sample = field.request.sample
         typical = float(np.nanmedian(field.values if sample is None else field.values[sample]))
         spectrum = field.request.spectrum

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 from PySide6.QtCore import QTimer
 from PySide6.QtGui import QColor, QInputMethodEvent, QTextCharFormat
@@ -24,7 +23,7 @@ from meshmash_viewer.app.controls.make import (
     show_quietly,
 )
 from meshmash_viewer.app.controls.step_slider import StepSlider
-from meshmash_viewer.app.tabs.form import FamilyTab, PlayButton
+from meshmash_viewer.app.tabs.form import FamilyTab
 from meshmash_viewer.app.tabs.parameters import FilterParameters, refusal
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, FormulaError
@@ -45,30 +44,16 @@ class EigenfunctionTab(FamilyTab):
     """Controls of the eigenfunctions, with facts about the displayed one."""
 
     def _build(self) -> None:
-        self.flip_button = make.button(
-            "Flip sign",
-            "flip_button",
-            "Draw the eigenfunction with the other sign",
-            self._document.flip,
-            tip="Draw the eigenfunction with the opposite sign, which is equally valid (F)",
-            checkable=True,
-        )
         self.facts = Facts(_FACTS)
-        self.nodal_check = make.check(
-            "Nodal lines, where it is zero",
-            "nodal_lines_check",
-            "Draw nodal lines",
-            partial(setattr, self._document.display, "nodal_lines"),
-        )
         self.multiplet_note = note("multiplet_label")
         self._build_rotation()
         self.preview_note = note("preview_label", "warning")
         tip = native_text("Arrow keys, or the wheel after a click: one step; PgDn: ten steps")
         slider = self._make_slider("eigenvector_slider", "Eigenfunction", tip)
         spoken = "Index of the eigenfunction, counted from 0"
-        index = self._make_index_row("eigenvector", spoken, self.flip_button)
+        index = self._make_index_row("eigenvector", spoken)
         notes = self.multiplet_note, self.rotation, self.preview_note
-        parts = slider, index, self.facts, self.nodal_check, *notes
+        parts = slider, index, self.facts, *notes
         self._fill("eigenvalue_label", "Eigenvalue", *parts)
 
     def _build_rotation(self) -> None:
@@ -113,8 +98,6 @@ class EigenfunctionTab(FamilyTab):
         for control in (self.slider, self.spin):
             show_quietly(control, index, most=last)
         self.spin.setSuffix(f" of {last}" if spectrum is not None and len(spectrum) else "")
-        self.flip_button.setChecked(index in chosen.flipped)
-        show_quietly(self.nodal_check, display.nodal_lines)
         title, facts, multiplet, preview = "λ", {}, "", ""
         if spectrum is not None and len(spectrum):
             unit, zeros = self._document.unit, first_nonzero(spectrum)
@@ -214,10 +197,9 @@ class FilterTab(FamilyTab):
         self.parameters.tried.connect(self._say)
         tip = "Number of values of the first parameter in its range, evenly spaced in log scale"
         count = self._make_count_row("Number of columns", tip)
-        play = row(PlayButton(self._document, "filter_play_button"), None)
         heading, box = make.heading("Exported columns"), self._make_range_box()
         filters = self.combo, self.edit, self.fault, self.parameters
-        self._fill("filter_label", "Filter", *filters, play, heading, count, box)
+        self._fill("filter_label", "Filter", *filters, heading, count, box)
         for field in (self.range_box.low, self.range_box.high):
             field.fault = _no_range
 
