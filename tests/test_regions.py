@@ -13,7 +13,6 @@ import pandas
 import pyarrow
 import pyarrow.parquet
 import pytest
-import scipy.linalg
 import shapes
 import trimesh
 
@@ -128,36 +127,18 @@ def test_several_necks_and_both_sides() -> None:
     shape = dumbbell()
     x = shape.vertices[:, 0]
     labels = np.select([x > 0.3, x < -0.3], [1, 1], 2)
-    table = mv.regions(mv.Mesh(shape.vertices * 8192.0, shape.faces, "nm"), labels, lambda2=True)
+    table = mv.regions(mv.Mesh(shape.vertices * 8192.0, shape.faces, "nm"), labels)
     assert table["part"].tolist() == [1, 2, 1]
     assert table["loops"].tolist() == [1, 1, 2]
     radius = 0.2 + 0.8 * np.sin(np.pi * 0.3 / 4.0) ** 2
     # A bulb ends at the border of its label; the neck joins a bulb at each end.
     np.testing.assert_allclose(table["neck_width"][:2], 16384.0 * np.pi * radius, rtol=0.05)
     assert 1.9 < table["neck_width"][2] / (16384.0 * np.pi * 0.2) < 2.4
-    plain = mv.regions(shape, labels, lambda2=True)
-    for name in ("area", "volume", "extent", "neck_width", "lambda2"):
-        power = {"area": 2, "volume": 3, "lambda2": -2}.get(name, 1)
+    plain = mv.regions(shape, labels)
+    for name in ("area", "volume", "extent", "neck_width"):
+        power = {"area": 2, "volume": 3}.get(name, 1)
         np.testing.assert_allclose(table[name], plain[name] * 8192.0**power, rtol=1e-9)
-    assert [table.unit_of(name) for name in ("area", "volume", "lambda2")] == ["nm²", "nm³", "nm⁻²"]
-
-
-def test_lambda2_is_that_of_the_submesh() -> None:
-    blob = shapes.blob(2)
-    labels = np.where(blob.vertices[:, 0] > 0.1, 1, 2)
-    table = mv.regions(blob, labels, lambda2=True)
-    for row in range(len(table)):
-        inside = table.mask(row)
-        faces = blob.faces[inside[blob.faces].all(axis=1)]
-        kept, corners = np.unique(faces, return_inverse=True)
-        assert table["vertices"][row] == len(kept)
-        matrices = mv.cotangent_laplacian(
-            (blob.vertices[kept], corners.reshape(-1, 3)), robust=True
-        )
-        expected = scipy.linalg.eigh(*(each.toarray() for each in matrices), eigvals_only=True)
-        assert table["lambda2"][row] == pytest.approx(expected[1], rel=1e-9)
-        masked, _ = mv.decompose_mesh(blob, 2, mask=inside)
-        assert table["lambda2"][row] == pytest.approx(masked[1], rel=1e-9)
+    assert [table.unit_of(name) for name in ("area", "volume")] == ["nm²", "nm³"]
 
 
 def test_vertices_in_no_region_are_counted() -> None:
@@ -201,7 +182,7 @@ def test_whole_labels_have_one_row_each() -> None:
     values = np.where(np.abs(z) > 0.5, 4, 7)
     values[np.argmin(np.abs(z))] = 0
     height = mv.VertexMap("height", z)
-    table = mv.regions(ball, values, [height], whole=True, lambda2=True)
+    table = mv.regions(ball, values, [height], whole=True)
     assert table["label"].tolist() == ["4", "7"]
     areas = ball.vertex_areas
     for row, number in enumerate((4, 7)):
@@ -215,7 +196,7 @@ def test_whole_labels_have_one_row_each() -> None:
     parts = mv.regions(ball, values, neck=False)
     assert parts["label"].tolist() == ["4", "4", "7"]
     assert table["volume"][0] == pytest.approx(parts["volume"][:2].sum(), rel=1e-9)
-    assert not {"neck_width", "lambda2"} & set(table.columns)
+    assert "neck_width" not in table.columns
     assert table.remarks == ("1 vertex without a label.",)
 
 
@@ -270,14 +251,14 @@ def test_the_command_writes_the_table(
     np.save("height.npy", shape.vertices[:, 1])
     np.savez("several.npz", one=np.ones(len(shape.vertices)), two=np.ones(len(shape.vertices)))
     given = ["regions", "dumbbell.ply", "--unit", "µm", "--labels"]
-    assert main([*given, "side.npy", "--map", "height.npy", "--lambda2", "-o", "out.csv"]) == 0
+    assert main([*given, "side.npy", "--map", "height.npy", "-o", "out.csv"]) == 0
     assert capsys.readouterr().out == "out.csv: 2 regions of 2 labels\n"
     with open("out.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    table = mv.regions(shape, np.load("side.npy"), lambda2=True)
+    table = mv.regions(shape, np.load("side.npy"))
     assert [row["label"] for row in rows] == ["1", "2"]
     assert rows[0]["unit"] == "µm"
-    for name in ("area", "volume", "neck_width", "lambda2", "x"):
+    for name in ("area", "volume", "neck_width", "x"):
         np.testing.assert_allclose([float(row[name]) for row in rows], table[name], rtol=1e-4)
     assert {"mean height.npy", "min height.npy"} <= rows[0].keys()
     about = json.loads(Path("out.csv.json").read_text(encoding="utf-8"))
@@ -298,6 +279,14 @@ def test_the_command_writes_the_table(
         assert message in capsys.readouterr().err
     assert main([*given, "side.npy", "-o", "out.xyz"]) == 2
     assert ".csv .parquet .npz" in capsys.readouterr().err
+
+
+def test_an_option_that_is_gone_names_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["regions", "ball.ply", "--labels", "a.npy", "--lambda2", "-o", "out.csv"])
+    said = capsys.readouterr().err
+    assert "--lambda2 is no longer an option: leave it out, and solve a label by" in said
+    assert said.count("\n") == 1
 
 
 #: A sphere whose first vertex is repeated but not used, and has no label.

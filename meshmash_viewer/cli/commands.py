@@ -20,7 +20,6 @@ from meshmash_viewer.cli.batch import (
     read,
     solved,
     titled_rows,
-    watched,
     with_maps,
 )
 from meshmash_viewer.cli.points import projected
@@ -313,10 +312,7 @@ def _write_measured(mesh: Mesh, options: Namespace) -> Report:
     path = options.output
     labels = read_labels(options.labels, mesh)
     maps = with_maps(mesh, options.map).maps[len(mesh.maps) :]
-    with watched(mesh) as callbacks:
-        table = measured_regions(
-            mesh, labels, maps, lambda2=options.lambda2, whole=options.whole_labels, **callbacks
-        )
+    table = measured_regions(mesh, labels, maps, whole=options.whole_labels)
     if options.points is not None:
         table = table.with_points(projected(mesh, options))
     made: dict[str, Any] = {"labels": options.labels, "repairs": list(options.repair)}

@@ -201,8 +201,7 @@ OPTIONS |= _switches(
     resume="skip meshes with results of the same content and options in the manifest of an earlier"
     " run",
     refine="match vertices by a functional map from these features, refined by ZoomOut",
-    lambda2="add the first nonzero eigenvalue of each region, with a free boundary",
-    whole_labels="one row for each label, not for each connected part; without neck width and λ₂",
+    whole_labels="one row for each label, not for each connected part; without neck width",
     turntable="turn the mesh once around, with one column displayed",
     dark="light text on a dark background",
     transparent="transparent background",

@@ -142,7 +142,7 @@ def command_parser() -> ArgumentParser:
     measured = command("regions", "measure the connected parts of labels")
     about = "file of labels, with names or numbers; MAP selects one of several maps"
     add_options(measured, "--labels", help=about, required=True)
-    add_options(measured, "--lambda2", "--whole-labels", "--map")
+    add_options(measured, "--whole-labels", "--map")
     _add_points(measured, required=False)
     _add_output(measured, "OUT", f"table to write: {' '.join(SPECTRUM_WRITERS)}")
 
@@ -228,8 +228,14 @@ def parsed_window(arguments: list[str]) -> argparse.Namespace:
     return options
 
 
+#: Options of earlier versions, and what to use instead.
+_GONE = {"--lambda2": "leave it out, and solve a label by features --kind eigenpairs --mask"}
+
+
 def _refuse(parser: ArgumentParser, others: list[str], n_meshes: int | None = None) -> None:
     """Exit with an error if there are `others`, the arguments that were not parsed."""
+    for option in set(others) & set(_GONE):
+        parser.error(f"{option} is no longer an option: {_GONE[option]}")
     if any(each.startswith("-") for each in others):
         parser.error(f"unrecognized arguments: {' '.join(others)}")
     if others:

@@ -12,9 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray, exact_array
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
 from meshmash_viewer.surface.curvature import neck_widths
 from meshmash_viewer.surface.edges import connected, edges_of, side_codes
 from meshmash_viewer.units import counted, format_quantity, power_unit
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.points import ProjectedPoints
 
 #: Power of the unit of length in the unit of a column.
-POWERS = {"area": 2, "volume": 3, "lambda2": -2}
+POWERS = {"area": 2, "volume": 3}
 POWERS |= dict.fromkeys(("extent", "neck_width", *"xyz"), 1)
 #: Statistics of the values of a map in a region.
 _OF_MAPS = ("mean", "min", "max")
@@ -119,10 +117,7 @@ def regions(
     maps: Sequence[VertexMap] = (),
     *,
     neck: bool = True,
-    lambda2: bool = False,
     whole: bool = False,
-    progress: ProgressCallback | None = None,
-    cancel: CancelCallback | None = None,
 ) -> Regions:
     """Measure the connected parts of each label, or whole labels.
 
@@ -141,13 +136,11 @@ def regions(
         by their numbers.
     maps : sequence of VertexMap
         Maps whose area-weighted mean, minimum and maximum are columns.
-    neck, lambda2 : bool
-        Whether to compute ``neck_width``, and ``lambda2``, the slowest column.
+    neck : bool
+        Whether to compute ``neck_width``.
     whole : bool
-        Whether all vertices with a label are one region; ``neck_width`` and ``lambda2``, which need
-        connected regions, are left out.
-    progress, cancel : callable, optional
-        See `meshmash_viewer.progress`.
+        Whether all vertices with a label are one region; ``neck_width``, which needs connected
+        regions, is left out.
 
     Returns
     -------
@@ -172,9 +165,6 @@ def regions(
         ``neck_width``
             Length of the shortest cut that separates the far half of the region from the rest of
             the surface, see `meshmash_viewer.surface.curvature`. NaN if there is no rest.
-        ``lambda2``
-            The first eigenvalue above zero of the region with a free border, per squared unit. NaN
-            if the faces have no area.
         ``x``, ``y``, ``z``
             Area-weighted mean position.
         ``mean NAME``, ``min NAME``, ``max NAME``
@@ -184,7 +174,7 @@ def regions(
     --------
     >>> parts = (mv.Label(1, "north", "#4477aa"), mv.Label(2, "south", "#ee6677"))
     >>> halves = mv.VertexMap("half", np.where(ball.vertices[:, 2] > 0, 1, 2), parts)
-    >>> table = mv.regions(ball, halves, lambda2=True)
+    >>> table = mv.regions(ball, halves)
     >>> table["label"].tolist(), table["loops"].tolist(), table["neck_width"].round(1)
     (['north', 'south'], [1, 1], array([5.6, 5.7]))
     """
@@ -212,8 +202,6 @@ def regions(
     columns["extent"] = _extents(points - centroids[of_row], weights, of_row, k)
     if neck and not whole:
         columns["neck_width"] = neck_widths(surface, rows, k)
-    if lambda2 and not whole:
-        columns["lambda2"] = _first_eigenvalues(surface, rows, k, progress, cancel)
     columns |= zip("xyz", centroids.T, strict=True)
     starts = np.searchsorted(of_row, np.arange(k))
     for each in measured:
@@ -342,32 +330,6 @@ def _whole_faces(mesh: Mesh, numbers: IntArray) -> npt.NDArray[np.bool_]:
     corners = numbers[mesh.faces]
     same = (corners[:, 0] >= 0) & (corners == corners[:, :1]).all(axis=1)
     return np.asarray(same & mesh.distinct_corners)
-
-
-def _first_eigenvalues(
-    mesh: Mesh,
-    rows: IntArray,
-    k: int,
-    progress: ProgressCallback | None,
-    cancel: CancelCallback | None,
-) -> FloatArray:
-    """Compute the first eigenvalue above zero of each row, with a free border."""
-    from meshmash_viewer.spectral.eigensolver import solve
-
-    faces = np.flatnonzero(_whole_faces(mesh, rows))
-    of_face = rows[mesh.faces[faces, 0]]
-    ends = np.cumsum(np.bincount(of_face, minlength=k))
-    values = np.full(k, np.nan)
-    for row, own in enumerate(np.split(faces[np.argsort(of_face, kind="stable")], ends[:-1])):
-        check_cancelled(cancel)
-        if progress is not None:
-            progress(Progress("eigenvalues of regions", row / k))
-        if mesh.face_areas[own].any():
-            used, corners = np.unique(mesh.faces[own], return_inverse=True)
-            alone = mesh.vertices[used], corners.reshape(-1, 3)
-            pairs = solve(*cotangent_laplacian(alone, robust=True), 2, cancel=cancel)
-            values[row] = pairs.eigenvalues[-1]
-    return values
 
 
 def _remarks(known: VertexMap, rows: IntArray, volume: FloatArray) -> tuple[str, ...]:

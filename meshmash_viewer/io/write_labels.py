@@ -22,8 +22,8 @@ def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None 
     """Write a table with a row per region, as CSV, Parquet or NPZ.
 
     The columns of `regions` are followed by ``unit``, the unit of lengths: areas are in its square,
-    volumes in its cube, ``lambda2`` in its inverse square. `meta` are JSON-able options of the
-    computation, or a result of `provenance`.
+    volumes in its cube. `meta` are JSON-able options of the computation, or a result of
+    `provenance`.
 
     `InputError` is raised if the path has none of the endings of `SPECTRUM_WRITERS`, or the file
     cannot be written.

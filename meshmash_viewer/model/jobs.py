@@ -109,7 +109,6 @@ class RegionsJob(MeshJob):
 
     labels: VertexMap
     maps: tuple[VertexMap, ...] = ()
-    lambda2: bool = False
     whole: bool = False
 
     doing: ClassVar[str] = "Measuring the regions of"
@@ -118,15 +117,7 @@ class RegionsJob(MeshJob):
         from meshmash_viewer.features.regions import regions
 
         channel.report(Progress("regions", message=self.label))
-        found = regions(
-            self.mesh,
-            self.labels,
-            self.maps,
-            lambda2=self.lambda2,
-            whole=self.whole,
-            progress=channel.report,
-            cancel=channel.cancelled,
-        )
+        found = regions(self.mesh, self.labels, self.maps, whole=self.whole)
         return RegionsReady(found.columns, found.rows, found.remarks)
 
 

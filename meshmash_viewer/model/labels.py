@@ -252,13 +252,11 @@ class Labels:
 
     # -- regions ------------------------------------------------------------------------------
 
-    def measure_regions(
-        self, maps: tuple[VertexMap, ...] = (), *, lambda2: bool = False, whole: bool = False
-    ) -> None:
+    def measure_regions(self, maps: tuple[VertexMap, ...] = (), *, whole: bool = False) -> None:
         """Request a measurement of the regions of the current set; see `features.regions`."""
         mesh, known = self._opened.mesh, self.current
         if mesh is not None and known is not None:
-            self._work.request(RegionsJob(mesh, known, maps, lambda2, whole))
+            self._work.request(RegionsJob(mesh, known, maps, whole))
 
     def accept_regions(self, job: RegionsJob, found: RegionsReady) -> None:
         """Store the measured regions of a set, if its mesh is still open."""

@@ -420,19 +420,18 @@ def test_regions_are_measured_looked_at_and_exported(
     assert part(labelled, "region_hint").text().startswith("Press Measure")
     assert not shown.isVisible()
     assert not part(labelled, "region_export_button").isEnabled()
-    QTest.mouseClick(part(labelled, "region_lambda_check"), LEFT)
     press(labelled, "region_measure_button")
     qtbot.waitUntil(lambda: document.labels.regions is not None, timeout=60_000)
     rest(labelled, qtbot)
     model = shown.model()
     titles = [model.headerData(at, Qt.Orientation.Horizontal) for at in range(model.columnCount())]
     assert titles[:2] == ["Region", "Area, µm²"]
-    assert {"λ₂, nm⁻²", "Vertices", "Neck, nm", "Mean, µm⁻¹"} <= set(titles)
+    assert {"Vertices", "Neck, nm", "Mean, µm⁻¹"} <= set(titles)
     rows = [model.index(row, 0).data() for row in range(model.rowCount())]
     assert rows == ["label 1", "label 2 (1)", "label 2 (2)"]
     known = document.labels.current
     assert known is not None
-    expected = mv.regions(MESH, known, lambda2=True)
+    expected = mv.regions(MESH, known)
     for row in range(3):
         assert float(model.index(row, 1).data()) == pytest.approx(
             1e-6 * expected["area"][row], rel=5e-3
@@ -456,13 +455,12 @@ def test_regions_are_measured_looked_at_and_exported(
     press(labelled, "region_export_button")
     qtbot.waitUntil(lambda: labelled.background_io.idle and file.exists(), timeout=60_000)
     assert file.read_text().splitlines()[1].startswith('"label 1",1,')
-    # whole labels have neither a neck nor an eigenvalue
+    # whole labels have no neck
     QTest.mouseClick(part(labelled, "region_whole_check"), LEFT)
-    assert not part(labelled, "region_lambda_check").isEnabled()
     press(labelled, "region_measure_button")
     qtbot.waitUntil(lambda: model.rowCount() == 2, timeout=60_000)
     titles = [model.headerData(at, Qt.Orientation.Horizontal) for at in range(model.columnCount())]
-    assert not [title for title in titles if title.startswith(("λ₂", "Neck"))]
+    assert not [title for title in titles if title.startswith("Neck")]
     # a change since the measurement is reported
     document.labels.delete([2])
     catch_up()

@@ -101,14 +101,9 @@ class LabelPanel(QWidget):
         )  # fmt: skip
         self.classes = ClassSection(self._document)
         self.hint = note("label_hint")
-        self.lambda_check = make.check(
-            "with λ₂", "region_lambda_check", "Compute the first eigenvalue of each region, too",
-            tip="The first eigenvalue above zero with a free border; takes longest",
-        )  # fmt: skip
         self.whole_check = make.check(
             "Whole labels", "region_whole_check", "Measure whole labels, not their connected parts",
-            self.lambda_check.setDisabled,
-            tip="One row for each label, without neck and λ₂, which only connected parts have",
+            tip="One row for each label, without neck, which only connected parts have",
         )  # fmt: skip
         self.regions = RegionTable()
         self.regions.region_clicked.connect(self._fly_to)
@@ -127,7 +122,7 @@ class LabelPanel(QWidget):
                 self.classes,
                 make.line(),
                 make.heading("Regions"),
-                row(self.whole_check, self.lambda_check, None),
+                row(self.whole_check, None),
                 row(measure, export, None),
                 self.region_hint,
                 self.regions,
@@ -153,9 +148,7 @@ class LabelPanel(QWidget):
     def _measure(self) -> None:
         field = self.field
         maps = () if field is None or field.labels or field.draft else (field.as_map(),)
-        self._document.labels.measure_regions(
-            maps, lambda2=self.lambda_check.isChecked(), whole=self.whole_check.isChecked()
-        )
+        self._document.labels.measure_regions(maps, whole=self.whole_check.isChecked())
 
     def _export(self) -> None:
         table = self._document.labels.regions

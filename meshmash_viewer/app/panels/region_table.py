@@ -18,7 +18,7 @@ from meshmash_viewer.vertex_map import Label
 
 #: Titles of columns of `regions`; the default is the name of the column. The first column of the
 #: table combines label and part.
-_TITLES = {"neck_width": "Neck", "lambda2": "λ₂", "loops": "Loops"}
+_TITLES = {"neck_width": "Neck", "loops": "Loops"}
 _NOT_SHOWN = ("label", "part")
 _FIRST = ("area", "neck_width", "volume", "extent")
 #: Largest number of visible rows, their height in pixels, and the number of rows that determine the
