@@ -107,7 +107,7 @@ def _columns(mesh: Mesh, pairs: Eigenpairs, options: Namespace) -> ClassColumns:
 
 
 def _described(model: ClassModel, path: Path) -> str:
-    """Describe a model: classes, scores on data left out, and most important columns."""
+    """Describe a model: classes, scores on data left out, and number of columns."""
     n_labelled = sum(each["n_labelled"] for each in model.meshes)
     title = (
         f"{path}: {counted(len(model.classes), 'class')} from"
@@ -125,9 +125,7 @@ def _described(model: ClassModel, path: Path) -> str:
                 if other != name and area > 0.0
             ]
             rows.append((f"  {name}", f"{f1:.3f} of {size}{''.join(wrong)}"))
-    shares = sorted(zip(model.importance, model.columns.names, strict=True), reverse=True)
-    best = ", ".join(f"{name} ({format_share(share)})" for share, name in shares[:3])
-    rows.append(("columns", f"{len(shares)}, most important: {best}"))
+    rows.append(("columns", f"{len(model.columns.names)}"))
     return titled_rows(title, rows)
 
 

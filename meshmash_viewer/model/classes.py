@@ -15,7 +15,6 @@ from psygnal import Signal
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.parameter import (
-    ABOVE_ZERO,
     MOST_NAME,
     Choice,
     Flag,
@@ -23,7 +22,6 @@ from meshmash_viewer.fields.parameter import (
     Number,
     Parameters,
     Record,
-    Refused,
     Text,
     checked_entry,
     parameter,
@@ -49,8 +47,6 @@ _PROBABILITY = re.compile(r"(probability of .*|uncertainty( \d+)*)", re.DOTALL)
 #: Largest number of classes whose probabilities become maps; more would fill the list of maps.
 _MOST_PROBABILITIES = 8
 _OUTDATED = " The labels or the options have changed since: press Classify."
-#: Largest number of columns of a model, and of characters in a column name.
-_MOST_COLUMNS, _MOST_LETTERS = 1000, 200
 
 
 @dataclass(frozen=True)
@@ -66,32 +62,17 @@ class ClassOptions(Parameters):
 
 @dataclass(frozen=True)
 class Learned(Parameters):
-    """Scores of a prediction, and the importance of each feature column."""
+    """Scores of a prediction."""
 
     #: The scores in one line, or the reason why there are none.
     said: str = parameter("", Text())
     #: Name of the label set used for training.
     labels: str = parameter("", Text(MOST_NAME))
-    #: Unit of length; `times` are in its square.
-    unit: str = parameter("", Text(_MOST_LETTERS))
-    #: Name, kind, diffusion time and `ClassModel.importance` of each column.
-    names: tuple[str, ...] = parameter((), Listing(Text(_MOST_LETTERS), _MOST_COLUMNS, into=tuple))
-    kinds: tuple[str, ...] = parameter((), Listing(Choice(KINDS), _MOST_COLUMNS, into=tuple))
-    times: tuple[float, ...] = parameter((), Listing(Number(ABOVE_ZERO), _MOST_COLUMNS, into=tuple))
-    importance: tuple[float, ...] = parameter(
-        (), Listing(Number(0.0, 1.0), _MOST_COLUMNS, into=tuple)
-    )
 
     @classmethod
     def from_plain(cls, value: object) -> Learned | None:
         """Convert a result of `plain` back; raise `Refused` for invalid values."""
-        if value is None:
-            return None
-        known = cls(**cls.entries()(value))
-        columns = known.names, known.kinds, known.times, known.importance
-        if len(set(map(len, columns))) > 1:
-            raise Refused("an object with as many names, kinds, times and importance", value)
-        return known
+        return None if value is None else cls(**cls.entries()(value))
 
 
 #: Validator of a result of `Classes.plain`.
@@ -165,11 +146,7 @@ class ClassesJob(MeshJob):
         numbers = (*(found.probabilities if few else ()), found.uncertainty)
         smaller = (replace(each, values=each.values.astype(np.float32)) for each in numbers)
         said = _described(model) if scored else "Press Classify for scores."
-        names, kinds, times = zip(*columns.columns, strict=True)
-        learned = Learned(
-            " ".join([said, *heard]), self.labels.name, columns.unit, names, kinds, times,
-            tuple(model.importance.tolist()),
-        )  # fmt: skip
+        learned = Learned(" ".join([said, *heard]), self.labels.name)
         return Classified((found.labels, *smaller), learned)
 
 

@@ -451,7 +451,7 @@ def test_maps_of_one_file_are_all_there_in_their_order(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("by_hand", [slow(False), True])
-def test_classes_are_there_with_choices_scores_and_importance(
+def test_classes_are_there_with_choices_and_scores(
     open_window: Callable[..., MainWindow], folder: Path, qtbot: QtBot, by_hand: bool
 ) -> None:
     ball, path = shapes.blob(3), folder / "blob.npz"
@@ -501,7 +501,6 @@ def test_classes_are_there_with_choices_scores_and_importance(
     assert kinds == [True, False, True]
     assert part(window, "class_classifier_combo").currentText() == "Logistic regression"
     assert part(window, "class_smoothing_field").value == 0.02
-    assert part(window, "class_importance_plot").isVisible()
     if document.spectrum is None:
         document.solve.target = Target("count", 40)
         document.solve.compute()
