@@ -30,9 +30,7 @@ MENUS = ("File", "Edit", "View", "Select", "Field", "Inspect", "Help")
 SELECT_MODES: dict[str, tuple[str, str]] = {
     "brush": ("Brush", "Select visible vertices with a brush, along the surface"),
     "lasso": ("Lasso", "Draw a line around vertices"),
-    "disc": ("Disc", "Drag the geodesic radius from the middle"),
-    "component": ("Component", "Click a connected component of the mesh"),
-    "part": ("Part of a label", "Click a connected part of a label of the displayed map"),
+    "connected": ("Connected", "Click a connected part of a displayed label, or a component"),
     "value": ("By value", "Select a range of the displayed field"),
     "alike": ("Alike", "Select vertices similar to the pinned one, by distance in features"),
 }

@@ -20,13 +20,12 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice, Severity
-from meshmash_viewer.model.selection import How, combined
+from meshmash_viewer.model.selection import How
 from meshmash_viewer.surface.masks import (
     Geodesics,
     Mask,
     between,
     component,
-    disc,
     filled,
     lasso,
     prepared,
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 #: Modes in which a drag with the left button is a stroke; in other modes it rotates the mesh.
-_STROKES = ("brush", "lasso", "disc", "component", "part")
+_STROKES = ("brush", "lasso", "connected")
 #: Initial radius of the brush, as a share of the diagonal of the mesh.
 _BRUSH = 0.01
 #: The range of all values.
@@ -63,12 +62,9 @@ class _Step:
     label: str
     #: Message shown if the mask is empty; if not "", an empty mask leaves the selection unchanged.
     nothing: str = ""
-    #: Whether the step belongs to a drag. A newer step replaces a waiting step of the same drag,
-    #: and all steps of a drag are one undo step.
+    #: Whether the step belongs to the drag of a range, and replaces the selection. A newer step
+    #: replaces a waiting step of the same drag, and all steps of a drag are one undo step.
     live: bool = False
-    #: For a live step: the selection before the drag, and whether the drag has ended.
-    before: Mask | None = None
-    last: bool = False
 
 
 class SelectTool(QObject):
@@ -104,15 +100,12 @@ class SelectTool(QObject):
         #: Positions of the pointer during a stroke: all positions for a lasso, the last position
         #: for the brush, the first position in other modes. Empty without a stroke.
         self._line: list[QPointF] = []
-        #: The selection before the stroke, and the current selection during a stroke of the brush.
-        self._before: Mask | None = None
+        #: The current selection during a stroke of the brush.
         self._stroke: Mask | None = None
         #: Vertices that the brush can reach: drawn vertices that face the eye.
         self._front: Mask | None = None
         #: Distances from the centres of the discs of a stroke, see `Geodesics.within`.
         self._distances: npt.NDArray[np.float32] | None = None
-        #: Vertex at the centre of a disc; -1 for none.
-        self._centre = -1
         #: The step that is being computed, then the waiting steps.
         self._steps: deque[_Step] = deque()
         self._preparing: LatestThread[Mesh] = LatestThread(
@@ -141,7 +134,7 @@ class SelectTool(QObject):
 
     @property
     def prepared(self) -> bool:
-        """Whether vertex areas and the geodesics for brush and disc have been computed."""
+        """Whether vertex areas and the geodesics of the brush have been computed."""
         mesh, known = self._document.mesh, self._geodesics
         return mesh is not None and known is not None and known[0].vertices is mesh.vertices
 
@@ -264,7 +257,6 @@ class SelectTool(QObject):
         shift = modifiers & Qt.KeyboardModifier.ShiftModifier
         alt = modifiers & Qt.KeyboardModifier.AltModifier
         self._how = "add" if shift else "remove" if alt else "replace"
-        self._before = self._document.selection.mask
         self._line, self._stroke = [at], None
         if self.mode == "brush":
             projection, away = self._scene.projection(), self._scene.renderer.away()
@@ -272,13 +264,11 @@ class SelectTool(QObject):
                 self._front = projection.facing > 0.0
                 if away is not None:
                     self._front &= ~away
-                kept = None if self._how == "replace" else self._before
+                kept = None if self._how == "replace" else self._document.selection.mask
                 self._stroke = np.zeros(mesh.n_vertices, np.bool_) if kept is None else kept.copy()
                 assert self._geodesics is not None
                 self._distances = self._geodesics[1].unreached()
                 self._brush(at)
-        elif self.mode == "disc":
-            self._centre = self._scene.vertex_near(at.x(), at.y())
 
     def _move(self, at: QPointF) -> None:
         if not self._line:
@@ -290,8 +280,6 @@ class SelectTool(QObject):
         elif self.mode == "lasso":
             self._line.append(at)
             self._scene.outline.show_line(self._line)
-        elif self.mode == "disc":
-            self._disc(at, last=False)
 
     def _end(self) -> None:
         if not self._line:
@@ -301,8 +289,6 @@ class SelectTool(QObject):
         elif self.mode == "lasso":
             self._scene.outline.show_line([])
             self._lasso()
-        elif self.mode == "disc":
-            self._disc(self._scene.plotter.pointer or self._line[0], last=True)
         else:
             self._click(self._line[0])
         self._line = []
@@ -325,17 +311,6 @@ class SelectTool(QObject):
             self._stroke[reached] = self._how != "remove"
             self._document.selection.draw(self._stroke, "brush")
 
-    def _disc(self, at: QPointF, *, last: bool) -> None:
-        """Select the vertices within the dragged distance of the first vertex of the stroke."""
-        mesh, start = self._document.mesh, self._line[0]
-        if mesh is None or self._centre < 0 or not self._ready():
-            return
-        assert self._geodesics is not None
-        pixels = float(np.hypot(at.x() - start.x(), at.y() - start.y()))
-        radius = pixels * self._scene.unit_per_pixel
-        work = partial(disc, self._geodesics[1], mesh, self._centre, radius)
-        self._run(_Step(work, self._how, "disc", live=True, before=self._before, last=last))
-
     def _lasso(self) -> None:
         """Select the vertices in the polygon of the stroke."""
         projection, mesh = self._scene.projection(), self._document.mesh
@@ -349,18 +324,16 @@ class SelectTool(QObject):
         self._run(_Step(work, self._how, "lasso", nothing))
 
     def _click(self, at: QPointF) -> None:
-        """Select the clicked component, or the clicked connected part of a label."""
+        """Select the clicked connected part of a displayed label, otherwise of the mesh."""
         mesh, vertex = self._document.mesh, self._scene.vertex_near(at.x(), at.y())
         if mesh is None or vertex < 0:
             return
         field = self.field
-        if self.mode == "component":
-            self._run(_Step(partial(component, mesh, vertex), self._how, "component"))
-        elif field is None or not field.labels:
-            self._say("To select a part of a label, show a map of labels first.")
-        else:
+        if field is not None and field.labels and np.isfinite(field.values[vertex]):
             work = partial(same_label, mesh, field.values, vertex)
             self._run(_Step(work, self._how, "part of a label"))
+        else:
+            self._run(_Step(partial(component, mesh, vertex), self._how, "component"))
 
     def _ready(self) -> bool:
         """Return `prepared`, and show a message if it is False."""
@@ -383,7 +356,7 @@ class SelectTool(QObject):
         mesh = self._document.mesh
         if self.on and mesh is not None and not self.prepared:
             self._preparing.ask(mesh)
-            if self.mode in ("brush", "disc"):
+            if self.mode == "brush":
                 self._scene.plotter.setCursor(Qt.CursorShape.BusyCursor)
 
     def _take_prepared(self, mesh: Mesh, made: Geodesics | Exception) -> None:
@@ -416,11 +389,9 @@ class SelectTool(QObject):
         if step.nothing and not mask.any():
             self._say(step.nothing)
         elif step.live:
-            selection.draw(combined(step.before, mask, step.how), step.label)
+            selection.draw(mask, step.label)
         else:
             selection.take(mask, step.how, step.label)
-        if step.last:
-            selection.finish()
 
     def _on_mesh_changed(self) -> None:
         """Prepare the brush for a new mesh, with a radius in proportion to its size."""

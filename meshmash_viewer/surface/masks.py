@@ -1,4 +1,4 @@
-"""Masks of vertices: discs, lassos, components, ranges of values, and changes of masks."""
+"""Masks of vertices: brush strokes, lassos, components, ranges of values, and changes of masks."""
 
 from __future__ import annotations
 
@@ -170,13 +170,6 @@ def prepared(mesh: Mesh) -> Geodesics:
     projection = Projection(*seen, np.eye(3), np.zeros(3), pixel, (0.0, 0.0))
     lasso(mesh, projection, 60.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), None, False)
     return made
-
-
-def disc(geodesics: Geodesics, mesh: Mesh, centre: int, radius: float) -> Mask:
-    """Return a mask of the vertices within a geodesic distance of a vertex."""
-    result = np.zeros(mesh.n_vertices, dtype=np.bool_)
-    result[geodesics.within(np.array([centre]), radius)[0]] = True
-    return result
 
 
 def lasso(

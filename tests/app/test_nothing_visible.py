@@ -141,7 +141,7 @@ def test_the_window_works_on(
     turn_wheel(hand.canvas, 3)
     window.resize(900, 600)
     hand.rest()
-    hand.command("select", "select_component")
+    hand.command("select", "select_connected")
     QTest.mouseClick(hand.canvas, LEFT, pos=hand.middle)
     hand.command("select", "reset_camera")
     assert not hand.errors

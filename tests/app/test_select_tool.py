@@ -13,6 +13,7 @@ from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
+from meshmash_viewer.app.actions import SELECT_MODES
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view.annotations import bar_place
@@ -197,20 +198,8 @@ def test_a_lasso_takes_the_visible_or_what_is_behind_too(hand: Hand) -> None:
 
 
 @pytest.mark.slow
-def test_a_disc_grows_with_the_drag_around_the_back(hand: Hand) -> None:
-    hand.choose("disc")
-    pole, edge = hand.at(0.0, 0.0, 1.0), hand.at(1.0, 0.0, 0.0)
-    size = edge.x() - pole.x()
-    hand.drag(pole, pole + QPoint(size, 0), pole + QPoint(2 * size, 0))
-    true = angles(hand)
-    assert hand.chosen[:2562][true < 1.95].all()
-    assert not hand.chosen[:2562][true > 2.05].any()
-    assert [step.label for step in hand.document.history.past] == ["disc"]
-
-
-@pytest.mark.slow
 def test_components_growing_and_inverting(hand: Hand) -> None:
-    hand.choose("component")
+    hand.choose("connected")
     hand.drag(hand.at(0.0, 0.0, 1.0))
     first = np.arange(hand.mesh.n_vertices) < 2562
     assert np.array_equal(hand.chosen, first)
@@ -275,17 +264,22 @@ def test_a_range_of_values_follows_the_handles_at_the_colour_bar(hand: Hand) -> 
     assert scene.renderer.annotations.bar_range is None
 
 
-@pytest.mark.slow
-def test_the_connected_part_of_a_label(hand: Hand) -> None:
-    hand.choose("part")
-    hand.drag(hand.at(0.5, 0.0, 0.8))
-    assert not hand.chosen.any()
+def test_a_click_takes_the_part_of_a_label_or_the_component(hand: Hand) -> None:
+    assert list(SELECT_MODES) == ["brush", "lasso", "connected", "value", "alike"]
+    hand.choose("connected")
+    place, front = hand.at(0.5, 0.0, 0.8), np.arange(hand.mesh.n_vertices) < 2562
+    hand.drag(place)
+    assert np.array_equal(hand.chosen, front)
     hand.document.display.change(OwnMaps, chosen="hemisphere")
     hand.document.display.kind = OwnMaps.name
     hand.window.wait()
-    hand.drag(hand.at(0.5, 0.0, 0.8))
-    right = (hand.mesh.vertices[:, 0] > 0.0) & (np.arange(hand.mesh.n_vertices) < 2562)
-    assert np.array_equal(hand.chosen, right)
+    hand.drag(place)
+    right = hand.mesh.vertices[:, 0] > 0.0
+    assert np.array_equal(hand.chosen, right & front)
+    hand.document.labels.assign(None)  # the vertices under the pointer have no label
+    hand.window.wait()
+    hand.drag(place)
+    assert np.array_equal(hand.chosen, front)
 
 
 @pytest.mark.slow
@@ -320,7 +314,7 @@ def test_what_is_hidden_is_not_drawn_and_not_picked(hand: Hand) -> None:
     pole = hand.at(0.0, 0.0, 1.0)
     front = np.arange(mesh.n_vertices) < 2562
     alone = scene.picture((300, 200), transparent=True)[..., 3] > 0
-    hand.choose("component")
+    hand.choose("connected")
     hand.drag(pole)
     hand.key(Qt.Key.Key_H)
     hand.qtbot.waitUntil(lambda: scene.can_pick, timeout=PATIENCE)

@@ -65,7 +65,7 @@ class SelectBar(QToolBar):
             field.setFixedWidth(110)
             field.refused.connect(self._say)
         self.connected = make.check(
-            "Connected", "select_connected", "Only the part connected with the pin",
+            "Connected", "select_alike_connected", "Only the part connected with the pin",
             tool.set_connected,
             tip="Select only vertices connected with the pinned vertex",
         )  # fmt: skip
