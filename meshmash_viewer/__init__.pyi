@@ -88,12 +88,13 @@ from .learn.columns import ClassColumns as ClassColumns
 
 # isort: split
 # Distances from a vertex
-from .features.distances import GeodesicSolver as GeodesicSolver
 from .features.distances import biharmonic_distance as biharmonic_distance
 from .features.distances import commute_time_distance as commute_time_distance
 from .features.distances import diffusion_distance as diffusion_distance
 from .features.distances import distance_features as distance_features
-from .features.distances import geodesic_distance as geodesic_distance
+from .surface.geodesics import GeodesicSolver as GeodesicSolver
+from .surface.geodesics import geodesic_distance as geodesic_distance
+from .surface.geodesics import nearest_distance as nearest_distance
 
 # isort: split
 # Meshes too large for one go

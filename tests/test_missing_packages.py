@@ -68,11 +68,6 @@ def run(folder: Path, blocked: str, *command: str) -> subprocess.CompletedProces
         ),
         slow("nibabel", (*FEATURES, "out.func.gii"), "pip install nibabel"),
         slow("nibabel", ("info", "ball.gii"), "pip install nibabel"),
-        slow(
-            "potpourri3d",
-            (*FEATURES, "out.npz", "--kind", "distance", "--vertex", "0"),
-            "pip install potpourri3d",
-        ),
         slow("robust_laplacian", (*FEATURES, "out.npz"), "pip install robust_laplacian"),
         ("PySide6", ("ball.off",), "pip install PySide6-Essentials"),
         slow(
@@ -126,7 +121,7 @@ def test_from_python_it_is_an_input_error(
 
 @pytest.mark.slow
 def test_without_any_optional_package_features_are_the_same(folder: Path) -> None:
-    every = "pymetis pyarrow nibabel potpourri3d imageio_ffmpeg trame PySide6 pyvista vtkmodules"
+    every = "pymetis pyarrow nibabel imageio_ffmpeg trame PySide6 pyvista vtkmodules"
     for blocked, name in ((every, "bare.npz"), ("", "whole.npz")):
         done = run(folder, blocked, "-m", "meshmash_viewer", *FEATURES, name)
         assert done.returncode == 0, done.stderr

@@ -12,12 +12,12 @@ from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.view.camera import default_axes, geometry_of
-from meshmash_viewer.features.distances import GeodesicSolver
 from meshmash_viewer.health import REPAIRS, median_edge_length, mesh_health
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.preview import preview_eigenpairs
 from meshmash_viewer.surface.decimation import cluster_vertices
+from meshmash_viewer.surface.geodesics import GeodesicSolver
 from meshmash_viewer.surface.masks import prepared
 from meshmash_viewer.surface.rays import RayTarget
 

@@ -9,20 +9,20 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
 
 from meshmash_viewer.app.actions import SELECT_MODES
 from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.listening import listen
+from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.model.selection import How
+from meshmash_viewer.surface.geodesics import GeodesicSolver
 from meshmash_viewer.surface.masks import (
-    Geodesics,
     Mask,
     between,
     component,
@@ -95,7 +95,7 @@ class SelectTool(QObject):
         self.range = _ALL
         #: Name of the family, and unit, of the field to which `range` refers.
         self._ranged: tuple[str, str] | None = None
-        self._geodesics: tuple[Mesh, Geodesics] | None = None
+        self._geodesics: tuple[Mesh, GeodesicSolver] | None = None
         self._how: How = "replace"
         #: Positions of the pointer during a stroke: all positions for a lasso, the last position
         #: for the brush, the first position in other modes. Empty without a stroke.
@@ -104,8 +104,8 @@ class SelectTool(QObject):
         self._stroke: Mask | None = None
         #: Vertices that the brush can reach: drawn vertices that face the eye.
         self._front: Mask | None = None
-        #: Distances from the centres of the discs of a stroke, see `Geodesics.within`.
-        self._distances: npt.NDArray[np.float32] | None = None
+        #: Distances from the centres of the discs of a stroke, see `GeodesicSolver.within`.
+        self._distances: FloatArray | None = None
         #: The step that is being computed, then the waiting steps.
         self._steps: deque[_Step] = deque()
         self._preparing: LatestThread[Mesh] = LatestThread(
@@ -359,7 +359,7 @@ class SelectTool(QObject):
             if self.mode == "brush":
                 self._scene.plotter.setCursor(Qt.CursorShape.BusyCursor)
 
-    def _take_prepared(self, mesh: Mesh, made: Geodesics | Exception) -> None:
+    def _take_prepared(self, mesh: Mesh, made: GeodesicSolver | Exception) -> None:
         if isinstance(made, Exception):
             raise made
         if self._document.is_shown(mesh):

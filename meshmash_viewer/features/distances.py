@@ -21,6 +21,7 @@ from meshmash_viewer.features.filter_responses import ZERO_SHARE, as_spectrum
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.surface.geodesics import geodesic_distance
 from meshmash_viewer.units import is_real, power_unit
 
 #: Label, and unit as a power of length, of each kind of distance by name.
@@ -199,74 +200,6 @@ def _distance(
     return np.asarray(np.sqrt(squares, out=squares))
 
 
-class GeodesicSolver:
-    """Geodesic distances by the heat method [1]_, with matrices factored once for a mesh.
-
-    `mesh` may be non-manifold and have several components; the robust Laplacian of the heat
-    method's implementation is used.
-
-    References
-    ----------
-    .. [1] Crane, K., Weischedel, C. and Wardetzky, M. (2013). "Geodesics in Heat." ACM
-       Transactions on Graphics 32(5).
-
-    Examples
-    --------
-    >>> solver = mv.GeodesicSolver(mv.Mesh(ball.vertices, ball.faces))
-    >>> north, south = ball.vertices[:, 2].argmax(), ball.vertices[:, 2].argmin()
-    >>> float((solver.from_vertex(north)[south] / np.pi).round(1))
-    1.0
-    """
-
-    def __init__(self, mesh: Mesh) -> None:
-        from potpourri3d import MeshHeatMethodDistanceSolver
-
-        self.mesh = mesh
-        self._number = np.cumsum(mesh.referenced) - 1
-        # centred and scaled to size 1, independent of the unit
-        low, high = mesh.bounds
-        self._size = float((high - low).max())
-        places = (mesh.vertices[mesh.referenced] - 0.5 * (low + high)) / self._size
-        faces = self._number[mesh.faces[mesh.distinct_corners]]
-        self._solver = MeshHeatMethodDistanceSolver(places, faces)
-
-    def from_vertex(self, vertex: int) -> FloatArray:
-        """Compute distances to all vertices in the unit of the mesh, shape (n,).
-
-        Distances are NaN in other components, and to and from unreferenced vertices.
-
-        `InputError` is raised if the vertex does not exist.
-        """
-        mesh, labels = self.mesh, self.mesh.component_labels
-        check_vertex(vertex, mesh.n_vertices)
-        distances = np.full(mesh.n_vertices, np.nan)
-        # potpourri3d does not check its arguments
-        if mesh.referenced[vertex]:
-            found = np.asarray(self._solver.compute_distance(int(self._number[vertex])))
-            distances[mesh.referenced] = self._size * found
-            distances[labels != labels[vertex]] = np.nan
-        return distances
-
-
-def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
-    """Compute distances along the surface by the heat method.
-
-    The error is about the length of an edge, up to a few per cent where edges are long compared
-    with the distance. For several vertices use `GeodesicSolver`.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        In the unit of the mesh; NaN in other components.
-
-    Examples
-    --------
-    >>> float((mv.geodesic_distance(ball, 0).max() / np.pi).round(1))
-    1.0
-    """
-    return GeodesicSolver(as_mesh(mesh)).from_vertex(vertex)
-
-
 def check_vertices(mesh: Mesh, vertices: npt.ArrayLike) -> None:
     """Raise `InputError` for vertices that do not exist or belong to no face."""
     for vertex in np.atleast_1d(np.asarray(vertices)).tolist():
@@ -328,8 +261,7 @@ def distance_features(
     named = [surface.file_index(vertex) for vertex in chosen]
     meta: dict[str, Any] = {"measure": measure, "vertices": named}
     if measure == "geodesic":
-        solver = GeodesicSolver(surface)
-        values = np.stack([solver.from_vertex(vertex) for vertex in chosen], axis=1)
+        values = geodesic_distance(surface, chosen)
     else:
         if decomposition is None:
             raise InputError(f"The {measure} distance needs eigenpairs: give a decomposition.")

@@ -15,7 +15,6 @@ from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.distances import (
     MEASURES,
-    GeodesicSolver,
     RowsFrom,
     check_vertices,
     distance_columns,
@@ -46,6 +45,7 @@ from meshmash_viewer.fields.parameter import (
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, weyl_eigenvalue
+from meshmash_viewer.surface.geodesics import GeodesicSolver
 from meshmash_viewer.units import counted, format_quantity
 
 #: Number of arrow-key steps from the shortest to the longest time.

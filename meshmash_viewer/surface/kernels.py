@@ -5,8 +5,6 @@ Import this module inside the functions that use it, since it loads the compiler
 
 from __future__ import annotations
 
-import heapq
-
 import numpy as np
 
 from meshmash_viewer.spectral.engine.compiler import import_compiler
@@ -17,67 +15,6 @@ numba = import_compiler()
 CELL = 3.0
 #: Largest slope of a surface against the screen, within a cell.
 _STEEPEST = 5.0
-
-
-@numba.njit(cache=True, nogil=True)
-def spread(starts, around, faces, points, order, sources, radius, passable, distance):  # type: ignore[no-untyped-def]
-    """Return the vertices within a distance of sources, nearest first, and the distances.
-
-    Vertices are reordered: `order` contains their original indices, which `passable` and the result
-    use. `distance`, shape (n,), contains the distances from earlier sources, or infinity; it is
-    updated, and only vertices whose distance decreases are returned.
-    """
-    distance[sources] = 0.0
-    queue = [(np.float32(0.0), source) for source in sources]
-    reached = [sources[0] for _ in range(0)]
-    while len(queue):
-        here, v = heapq.heappop(queue)
-        if here > distance[v]:
-            continue
-        reached.append(v)
-        for place in range(starts[v], starts[v + 1]):
-            f = around[place]
-            for at in range(3):
-                u = faces[f, at]
-                if distance[u] <= here or not passable[order[u]]:
-                    continue
-                w = faces[f, 0] + faces[f, 1] + faces[f, 2] - u - v
-                found = np.float32(_crossed(points[v], points[w], points[u], here, distance[w]))
-                if found < distance[u] and found <= radius:
-                    distance[u] = found
-                    heapq.heappush(queue, (found, u))
-    vertices = np.array(reached)
-    return order[vertices], distance[vertices]
-
-
-@numba.njit(cache=True, nogil=True)
-def _crossed(a, b, c, at_a, at_b):  # type: ignore[no-untyped-def]
-    """Compute the distance of c from those of a and b, along a straight line in the triangle.
-
-    The distance of b is used if it is at most that of a, and therefore final.
-    """
-    edge = foot = side_a = side_b = 0.0
-    for k in range(3):
-        along, across, other = b[k] - a[k], c[k] - a[k], c[k] - b[k]
-        edge += along * along
-        foot += along * across
-        side_a += across * across
-        side_b += other * other
-    if at_b > at_a or edge <= 0.0:
-        return at_a + np.sqrt(side_a)
-    straight = min(at_a + np.sqrt(side_a), at_b + np.sqrt(side_b))
-    edge = np.sqrt(edge)
-    foot /= edge
-    # position of the source in the plane of the triangle: x along the edge ab, `deep` below it
-    x = (edge * edge + at_a * at_a - at_b * at_b) / (2.0 * edge)
-    if at_a * at_a < x * x:
-        return straight
-    deep = np.sqrt(at_a * at_a - x * x)
-    top = np.sqrt(max(side_a - foot * foot, 0.0))
-    crossing = x + (foot - x) * deep / max(deep + top, 1e-300)
-    if crossing < 0.0 or crossing > edge:
-        return straight
-    return np.sqrt((foot - x) ** 2 + (top + deep) ** 2)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.rays import RayTarget, curve_order
+from meshmash_viewer.surface.geodesics import GeodesicSolver
+from meshmash_viewer.surface.rays import RayTarget
 
 #: Whether each vertex is selected, shape (n,).
 Mask: TypeAlias = npt.NDArray[np.bool_]
@@ -57,59 +58,6 @@ def filled(mesh: Mesh, mask: Mask) -> Mask:
     result = mask.copy()
     result[outside] = ~stays[part[outside]]
     return result
-
-
-class Geodesics:
-    """Geodesic distances on a surface from a few vertices to nearby vertices.
-
-    Vertices, shape (n, 3), and faces, (m, 3), are copied in the order of a space-filling curve, so
-    that neighbours are near each other in memory; the copies take 46 bytes a face.
-    """
-
-    def __init__(self, vertices: npt.NDArray[np.floating], faces: IntArray) -> None:
-        from scipy import sparse
-
-        m, n = len(faces), len(vertices)
-        self._order = np.argsort(curve_order(vertices).astype(np.uint32)).astype(np.int32)
-        self._place = np.empty(n, dtype=np.int32)
-        self._place[self._order] = np.arange(n, dtype=np.int32)
-        self._vertices = vertices[self._order].astype(np.float32)
-        placed = self._place[faces]
-        self._faces = placed[np.argsort(placed[:, 0], kind="stable")]
-        corners = self._faces.ravel(), np.arange(0, 3 * m + 1, 3, dtype=np.int32)
-        by_vertex = sparse.csr_array((np.ones(3 * m, np.int8), *corners), shape=(m, n)).tocsc()
-        self._starts = by_vertex.indptr.astype(np.int32)
-        self._around = by_vertex.indices.astype(np.int32)
-
-    def unreached(self) -> npt.NDArray[np.float32]:
-        """Return infinite distances, shape (n,), for the first of several calls of `within`."""
-        return np.full(len(self._vertices), np.inf, dtype=np.float32)
-
-    def within(
-        self,
-        sources: IntArray,
-        radius: float,
-        passable: Mask | None = None,
-        distances: npt.NDArray[np.float32] | None = None,
-    ) -> tuple[IntArray, FloatArray]:
-        """Find the vertices within a distance of sources, and their distances, shape (k,) each.
-
-        The distances of two corners of a face determine the position of the source in its plane,
-        from which the distance of the third corner is measured: this is exact on a plane without
-        obtuse faces. Only vertices in `passable`, shape (n,), and the sources are reached. After
-        earlier calls with the same `distances` (see `unreached`), only vertices nearer to the new
-        sources are found.
-        """
-        from meshmash_viewer.surface.kernels import spread
-
-        if passable is None:
-            passable = np.ones(len(self._vertices), dtype=np.bool_)
-        if distances is None:
-            distances = self.unreached()
-        given = self._place[np.unique(sources)]
-        surface = self._starts, self._around, self._faces, self._vertices, self._order
-        vertices, found = spread(*surface, given, radius, passable, distances)
-        return np.asarray(vertices, dtype=np.int64), np.asarray(found, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,11 +107,11 @@ def within_polygon(seen: npt.NDArray[np.floating], polygon: FloatArray) -> Mask:
     return np.asarray(in_picture(seen, low, np.asarray(drawn)))
 
 
-def prepared(mesh: Mesh) -> Geodesics:
-    """Return the `Geodesics` of a mesh; compile or load the loops of brush and lasso before."""
+def prepared(mesh: Mesh) -> GeodesicSolver:
+    """Return the solver of a mesh; compile or load the loops of brush and lasso before."""
     points = np.clip(mesh.vertices, *mesh.bounds) - mesh.bounds.mean(axis=0)
-    made = Geodesics(points, mesh.faces)
-    made.within(mesh.faces[0, :1], 0.0)
+    made = GeodesicSolver(mesh)
+    made.within(mesh.faces[0, :1], 0.0, np.ones(mesh.n_vertices, np.bool_))
     _ = mesh.vertex_areas, mesh.component_labels
     pixel = float(np.ptp(mesh.bounds, axis=0).max()) / 100.0 or 1.0
     seen = points.astype(np.float32), mesh.vertex_normals.astype(np.float32)

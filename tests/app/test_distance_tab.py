@@ -21,7 +21,6 @@ from meshmash_viewer.features.distances import (
     biharmonic_distance,
     commute_time_distance,
     diffusion_distance,
-    geodesic_distance,
     missing_square,
 )
 from meshmash_viewer.fields.distances import MEASURES, Distances
@@ -29,6 +28,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.quantities import parse_number
+from meshmash_viewer.surface.geodesics import geodesic_distance
 from meshmash_viewer.units import format_quantity
 
 pytestmark = pytest.mark.usefixtures("shown_at_once")
@@ -221,7 +221,7 @@ def test_lines_are_at_round_distances_from_the_pin(
     on_sheet = (places > mesh.bounds[0]) & (places < mesh.bounds[1])
     distances = np.linalg.norm(places - mesh.vertices[70], axis=1)[on_sheet[:, :2].all(axis=1)]
     off = np.abs(distances - spacing * np.round(distances / spacing))
-    assert np.median(off) < 0.3 * edge.max() < spacing, "the heat method is right to an edge"
+    assert np.median(off) < 0.3 * edge.max() < spacing, "a pixel is about as long"
     drawn = set(np.round(distances / spacing).astype(int).ravel().tolist())
     assert drawn >= set(range(2, count - 2))
     assert "lines" not in renderer.caption.quantity

@@ -25,7 +25,7 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import NO_BREAK, counted, format_quantity, power_unit
 
 _ABOUT = {
-    "geodesic": "Along the surface, by the heat method: right to about an edge.",
+    "geodesic": "Length of the shortest path along the surface.",
     "biharmonic": "Smooth at the vertex; far from the vertex it depends on the whole shape.",
     "commute": "Duration of a random walk to a vertex and back: long across a thin neck.",
     "diffusion": "How differently heat from two vertices has spread after a time.",
