@@ -21,7 +21,7 @@ class GeodesicSolver:
     never above the length of a path along edges, and do not depend on other components. Near the
     source, windows are unfolded over the faces [2]_; from there, distances are extended from face
     to face with the directions of the paths, so that the error is of second order in the length of
-    the edges. Faces, sides and angles take 110 bytes a face.
+    the edges. Faces, sides and angles take 76 bytes a face.
 
     References
     ----------
