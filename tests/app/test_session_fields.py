@@ -22,6 +22,7 @@ from meshmash_viewer.app.sessions import Restoration, session_of
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.io.session import write_session
+from meshmash_viewer.model.classes import Learned
 from meshmash_viewer.model.display import (
     Display,
     display_from_json,
@@ -145,6 +146,15 @@ def test_a_session_of_before_with_a_count_that_is_a_float(tmp_path: Path) -> Non
     read = Restoration(Document(), path)
     assert read._target == Target("count", 50)
     assert isinstance(read._target.value, int)
+
+
+def test_the_importance_of_columns_in_an_earlier_session_is_ignored(tmp_path: Path) -> None:
+    path = tmp_path / "a.meshmash.json"
+    write_session(path, session_of(rectangle_document(), {}))
+    content = json.loads(path.read_text()) | {"mesh_path": "ball.npz"}
+    learned = {"said": "F1", "unit": "nm", "names": ["a"], "kinds": ["hks"], "importance": [1.0]}
+    path.write_text(json.dumps(content | {"classes": {"learned": learned}}))
+    assert Restoration(Document(), path)._classes["learned"] == Learned("F1")
 
 
 @pytest.mark.parametrize(
