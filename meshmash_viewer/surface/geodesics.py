@@ -50,11 +50,13 @@ class GeodesicSolver:
     def from_vertex(self, vertex: int) -> FloatArray:
         """Compute distances to all vertices in the unit of the mesh, shape (n,).
 
-        Distances are NaN in other components, and to and from unreferenced vertices.
+        No distance is below the straight line, nor above a path along edges. Distances are NaN in
+        other components, and to and from unreferenced vertices.
 
         `InputError` is raised if the vertex does not exist.
         """
-        return self.nearest([vertex])
+        found, places = self.nearest([vertex]), self.mesh.vertices
+        return np.maximum(found, np.linalg.norm(places - places[vertex], axis=1))
 
     def nearest(self, vertices: npt.ArrayLike) -> FloatArray:
         """Compute the distance of each vertex from the nearest of some vertices, shape (n,).
