@@ -85,7 +85,7 @@ def resolution_error(
     Examples
     --------
     >>> mv.resolution_error(ball, pairs)[1:4].round(4)
-    array([-0.0029, -0.0029, -0.0029])
+    array([-0.0048, -0.0048, -0.0048])
     """
     from meshmash_viewer.spectral.eigensolver import solve
 

@@ -35,7 +35,7 @@ class GeodesicSolver:
     >>> solver = mv.GeodesicSolver(ball)
     >>> north, south = ball.vertices[:, 2].argmax(), ball.vertices[:, 2].argmin()
     >>> float((solver.from_vertex(north)[south] / np.pi).round(2))
-    1.0
+    0.99
     """
 
     def __init__(self, mesh: MeshLike) -> None:
@@ -121,7 +121,7 @@ def geodesic_distance(mesh: MeshLike, vertices: npt.ArrayLike) -> FloatArray:
     Examples
     --------
     >>> float((mv.geodesic_distance(ball, 0).max() / np.pi).round(2))
-    1.0
+    0.99
     >>> mv.geodesic_distance(ball, [1, 2, 3]).shape
     (642, 3)
     """
