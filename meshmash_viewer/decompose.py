@@ -30,6 +30,7 @@ from meshmash_viewer.features.filters import (
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, mask_text, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.spectral.eigenpairs import as_pair
 from meshmash_viewer.spectral.eigensolver import check_bands, solve_and_warn
 from meshmash_viewer.units import whole_number
 
@@ -131,7 +132,7 @@ def _decomposed(
         stacklevel=4,
         **options,
     )
-    return result.eigenvalues, result.eigenvectors
+    return as_pair(result)
 
 
 def decompose_mesh(
@@ -236,4 +237,4 @@ def decompose_laplacian_by_bands(
     result = solve_and_warn(
         L, M, max_eigenvalue=max_eigenvalue, verbose=verbose, progress=progress, cancel=cancel
     )
-    return result.eigenvalues, result.eigenvectors
+    return as_pair(result)

@@ -251,11 +251,15 @@ def test_eigenpairs_and_times_and_wks(
     with np.load(out) as archive:
         assert json.loads(str(archive["meta"]))["options"]["parameters"] == [0.5, 2.0]
     assert run(capsys, "features", ball, "--kind", "wks", "--count", 9, "-o", out)[0] == 0
-    status, _, err = run(
-        capsys, "features", ball, "--kind", "eigenpairs", "-o", tmp_path / "pairs.csv"
-    )
+    modes = tmp_path / "lh.func.gii"
+    asked = "features", ball, "--kind", "eigenpairs", "--count", 9
+    assert run(capsys, *asked, "-o", modes)[0] == 0
+    read = pytest.importorskip("nibabel").load(modes)
+    assert len(read.darrays) == 9
+    assert read.darrays[8].meta["Name"] == "phi_008"
+    status, _, err = run(capsys, *asked, "-o", tmp_path / "pairs.obj")
     assert status == 2
-    assert ".npz .vtp" in err
+    assert ".npz .npy .csv" in err
 
 
 def test_the_proof_counts_in_the_unit_of_the_mesh(

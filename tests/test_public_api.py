@@ -6,14 +6,10 @@ import subprocess
 import sys
 from inspect import signature
 
-import numpy as np
 import pytest
 
 import meshmash_viewer
 import meshmash_viewer as mv
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.comparison import match_functions
-from meshmash_viewer.features.shape import low_pass_vertices
 
 
 def test_every_public_name_is_there_and_no_other_is_shown():
@@ -89,29 +85,6 @@ def test_documented_defaults(name):
     found = signature(getattr(meshmash_viewer, name)).parameters
     for parameter, default in DEFAULTS[name].items():
         assert found[parameter].default == default, parameter
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda pairs, sphere, folder: mv.compare_shapes(pairs, pairs),
-        lambda pairs, sphere, folder: mv.compute_features(pairs, mv.heat_kernel_bank([1.0])),
-        lambda pairs, sphere, folder: mv.distance_features(sphere, 0, "biharmonic", pairs),
-        lambda pairs, sphere, folder: mv.filter_map(pairs, np.ones(642), lambda x: x),
-        lambda pairs, sphere, folder: mv.functional_map(pairs, pairs),
-        lambda pairs, sphere, folder: low_pass_vertices(sphere, pairs, 3),
-        lambda pairs, sphere, folder: mv.map_spectrum(pairs, np.ones(642)),
-        lambda pairs, sphere, folder: match_functions(pairs, pairs, range(642)),
-        lambda pairs, sphere, folder: mv.write_eigenpairs(folder / "pairs.npz", pairs, sphere),
-        lambda pairs, sphere, folder: mv.zoomout(pairs, pairs, None),
-    ],
-)
-def test_values_and_vectors_without_areas_are_no_eigenpairs(call, sphere, tmp_path):
-    """`decompose_mesh` returns eigenvalues and eigenvectors without the mass matrix."""
-    pairs = np.zeros(8), np.ones((sphere.n_vertices, 8))
-    with pytest.raises(InputError, match=r"takes eigenpairs as solve returns them, not .* tuple"):
-        call(pairs, sphere, tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 def test_few_public_names():

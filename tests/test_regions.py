@@ -252,7 +252,7 @@ def test_the_command_writes_the_table(
     np.savez("several.npz", one=np.ones(len(shape.vertices)), two=np.ones(len(shape.vertices)))
     given = ["regions", "dumbbell.ply", "--unit", "µm", "--labels"]
     assert main([*given, "side.npy", "--map", "height.npy", "-o", "out.csv"]) == 0
-    assert capsys.readouterr().out == "out.csv: 2 regions of 2 labels\n"
+    assert capsys.readouterr().out == "out.csv: 2 regions of 2 labels, means weighted by area\n"
     with open("out.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     table = mv.regions(shape, np.load("side.npy"))

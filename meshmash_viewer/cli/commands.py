@@ -329,4 +329,5 @@ def _write_measured(mesh: Mesh, options: Namespace) -> Report:
         "remarks": list(table.remarks),
     }
     said = f"{path}: {counted(len(table), 'region')} of {counted(n_labels, 'label')}"
+    said += ", means weighted by area" if maps else ""
     return report, said

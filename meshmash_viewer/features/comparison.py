@@ -24,10 +24,10 @@ from meshmash_viewer.features.functional_map import (
 )
 from meshmash_viewer.features.shape import Matches, column_spread, distinct_matches, match_features
 from meshmash_viewer.features.sums import Features, accumulate_features
-from meshmash_viewer.mesh import Mesh, MeshLike
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike, as_two_eigenpairs
 from meshmash_viewer.structures import brain_side
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
@@ -278,7 +278,7 @@ def comparison_remarks(
     return remarks
 
 
-def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
+def corresponding_vertices(first: MeshLike, second: MeshLike) -> IntArray | None:
     """Return the corresponding vertices of two meshes with the same connectivity.
 
     Their faces join the same vertices, in any orientation (as in a mirror image). Examples are a
@@ -299,6 +299,7 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
     >>> mv.corresponding_vertices(first, second)[:4]
     array([0, 1, 2, 3])
     """
+    first, second = as_mesh(first), as_mesh(second)
     if first.n_vertices != second.n_vertices:
         return None
     faces = _faces_on(first, second), _faces_on(second, first)
@@ -342,8 +343,8 @@ def check_comparable(name: str, n_vertices: int, eigenvalues: FloatArray) -> Non
 
 
 def compare_shapes(
-    first: Eigenpairs,
-    second: Eigenpairs,
+    first: EigenpairsLike,
+    second: EigenpairsLike,
     bank: FilterBank | None = None,
     cancel: CancelCallback | None = None,
     vertices: npt.ArrayLike | None = None,
@@ -398,7 +399,7 @@ def compare_shapes(
     >>> mv.compare_shapes(pairs, pairs).distance
     0.0
     """
-    check_eigenpairs("compare_shapes(first, second)", first, second)
+    first, second = as_two_eigenpairs("compare_shapes(first, second)", first, second, meshes)
     count = min(len(first.eigenvalues), len(second.eigenvalues))
     spectra = unit_area_spectrum(first)[:count], unit_area_spectrum(second)[:count]
     if bank is None:
@@ -463,7 +464,7 @@ def _checked_vertices(vertices: npt.ArrayLike, first: Eigenpairs, second: Eigenp
 
 
 def match_functions(
-    first: Eigenpairs, second: Eigenpairs, vertices: npt.ArrayLike, *, turned: bool = False
+    first: EigenpairsLike, second: EigenpairsLike, vertices: npt.ArrayLike, *, turned: bool = False
 ) -> FunctionMatches:
     """Match the eigenfunctions of one shape to those of another, with their signs.
 
@@ -499,7 +500,7 @@ def match_functions(
     """
     from scipy.optimize import linear_sum_assignment
 
-    check_eigenpairs("match_functions(first, second, vertices)", first, second)
+    first, second = as_two_eigenpairs("match_functions(first, second, vertices)", first, second)
     there = _checked_vertices(vertices, first, second)
     used = (there >= 0) & (first.mass > 0.0)
     used[used] = second.mass[there[used]] > 0.0

@@ -20,7 +20,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_responses import ZERO_SHARE, as_spectrum
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike, as_eigenpairs
 from meshmash_viewer.surface.geodesics import geodesic_distance
 from meshmash_viewer.units import is_real, power_unit
 
@@ -220,7 +220,7 @@ def distance_features(
     mesh: MeshLike,
     vertices: npt.ArrayLike,
     measure: str = "geodesic",
-    decomposition: Eigenpairs | None = None,
+    decomposition: EigenpairsLike | None = None,
     time: float | None = None,
 ) -> Features:
     """Compute distances from some vertices, a column for each.
@@ -268,7 +268,8 @@ def distance_features(
         if measure == "diffusion":
             _check_time(time)
             meta |= {"time": time, "time_unit": power_unit(surface.unit, 2)}
-        check_eigenpairs("distance_features(mesh, vertices, measure, pairs)", decomposition)
+        call = "distance_features(mesh, vertices, measure, pairs)"
+        decomposition = as_eigenpairs(call, decomposition, surface)
         values = _from_pairs(surface, chosen, measure, decomposition, time or 1.0)
         meta["n_eigenpairs"] = len(decomposition.eigenvalues)
         n, weights = np.count_nonzero(surface.referenced), decomposition.eigenvalues

@@ -39,7 +39,7 @@ from meshmash_viewer.features.shape import Matches
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike, as_two_eigenpairs
 
 #: Number of eigenfunctions of each shape in the first map, and in the refined map.
 _FIRST, _LAST = 30, 150
@@ -197,8 +197,8 @@ class _Shape(Placed):
 
 
 def functional_map(
-    first: Eigenpairs,
-    second: Eigenpairs,
+    first: EigenpairsLike,
+    second: EigenpairsLike,
     bank: FilterBank | None = None,
     *,
     landmarks: npt.ArrayLike = (),
@@ -233,7 +233,7 @@ def functional_map(
     >>> bool(np.allclose(found.matrix, np.eye(12), atol=0.1))
     True
     """
-    check_eigenpairs("functional_map(first, second)", first, second)
+    first, second = as_two_eigenpairs("functional_map(first, second)", first, second, meshes)
     known = min(len(first.eigenvalues), len(second.eigenvalues))
     count = min(n_functions, known)
     if count < 2:
@@ -280,8 +280,8 @@ def functional_map(
 
 
 def zoomout(
-    first: Eigenpairs,
-    second: Eigenpairs,
+    first: EigenpairsLike,
+    second: EigenpairsLike,
     start: FunctionalMap,
     *,
     n_functions: int = _LAST,
@@ -316,7 +316,7 @@ def zoomout(
     >>> found.matrix.shape, float(np.mean(found.matches.indices == np.arange(98)))
     ((40, 40), 1.0)
     """
-    check_eigenpairs("zoomout(first, second, start)", first, second)
+    first, second = as_two_eigenpairs("zoomout(first, second, start)", first, second, meshes)
     if step < 1:
         raise InputError(f"step is {step}: give at least 1.")
     last = min(n_functions, len(first.eigenvalues), len(second.eigenvalues))

@@ -14,7 +14,7 @@ from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.features.filter_responses import count_zeros
 from meshmash_viewer.features.maps import as_map_values, filled, without_gaps
 from meshmash_viewer.progress import CancelCallback, check_cancelled
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import EigenpairsLike, as_eigenpairs
 
 #: Pairs and vertices processed at a time, so that few rows of a memory map are in memory.
 _ROWS, _VERTICES = 64, 1 << 15
@@ -82,7 +82,7 @@ class MapSpectrum:
         return min(part / whole, 1.0) if whole > 1e-13 * self.energy else 1.0
 
 
-def map_spectrum(decomposition: Eigenpairs, values: npt.ArrayLike) -> MapSpectrum:
+def map_spectrum(decomposition: EigenpairsLike, values: npt.ArrayLike) -> MapSpectrum:
     """Project a map on eigenfunctions, and measure its energy.
 
     `InputError` is raised if there is not one value for each vertex, or no value is finite.
@@ -109,7 +109,7 @@ def map_spectrum(decomposition: Eigenpairs, values: npt.ArrayLike) -> MapSpectru
     >>> f"{spectrum.share(4):.6f} {spectrum.residual(3):.6f}"
     '1.000000 1.000000'
     """
-    check_eigenpairs("map_spectrum(pairs, values)", decomposition)
+    decomposition = as_eigenpairs("map_spectrum(pairs, values)", decomposition)
     f = as_map_values(values, decomposition.rows.shape[1], columns=False)
     f = without_gaps(f, decomposition.mass)
     return project(decomposition.eigenvalues, decomposition.rows, decomposition.mass, f)

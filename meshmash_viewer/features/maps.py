@@ -12,7 +12,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, MissingValuesWarning
 from meshmash_viewer.features.filter_responses import checked_coefficients
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import EigenpairsLike, as_eigenpairs
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
 
 
 def filter_map(
-    decomposition: Eigenpairs,
+    decomposition: EigenpairsLike,
     values: npt.ArrayLike,
     response: Callable[[FloatArray], npt.ArrayLike],
 ) -> FloatArray:
@@ -151,7 +151,7 @@ def filter_map(
     >>> mv.filter_map(pairs, [2.0, 2.0, 2.0, 2.0], mv.low_pass_bank(1e-3)).round(6)
     array([2., 2., 2., 2.])
     """
-    check_eigenpairs("filter_map(pairs, values, response)", decomposition)
+    decomposition = as_eigenpairs("filter_map(pairs, values, response)", decomposition)
     if not callable(response):
         raise InputError(
             "The filter comes last, as filter_map(pairs, values, response): it is a FilterBank or "

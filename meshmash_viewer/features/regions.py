@@ -168,7 +168,7 @@ def regions(
         ``x``, ``y``, ``z``
             Area-weighted mean position.
         ``mean NAME``, ``min NAME``, ``max NAME``
-            Statistics of each map, ignoring NaN.
+            Statistics of each map, ignoring NaN; the mean is weighted by area.
 
     Examples
     --------

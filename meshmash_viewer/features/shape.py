@@ -19,7 +19,7 @@ from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
 from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import EigenpairsLike, as_eigenpairs
 from meshmash_viewer.units import counted
 
 #: `Features`, or their values alone, shape (n, f).
@@ -123,7 +123,7 @@ class Reconstruction:
         return float(np.sqrt(left @ self._mass / self._mass.sum()))
 
 
-def low_pass_vertices(mesh: MeshLike, decomposition: Eigenpairs, n: int) -> FloatArray:
+def low_pass_vertices(mesh: MeshLike, decomposition: EigenpairsLike, n: int) -> FloatArray:
     """Reconstruct the coordinates from the first `n` eigenvectors: a smoothed shape [1]_.
 
     `InputError` is raised if `n` < 1 or above the number of eigenpairs, or the decomposition is of
@@ -154,7 +154,7 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Eigenpairs, n: int) -> Floa
     True
     """
     mesh = as_mesh(mesh)
-    check_eigenpairs("low_pass_vertices(mesh, pairs, n)", decomposition)
+    decomposition = as_eigenpairs("low_pass_vertices(mesh, pairs, n)", decomposition, mesh)
     if decomposition.rows.shape[1] != mesh.n_vertices:
         raise InputError(
             f"The eigenpairs are of {decomposition.rows.shape[1]} vertices, the mesh has "

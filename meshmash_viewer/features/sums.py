@@ -28,7 +28,7 @@ from meshmash_viewer.features.truncation import (
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.spectral.cost import check_columns
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import EigenpairsLike, as_eigenpairs
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import named_apart
 
@@ -237,7 +237,7 @@ class Features:
 
 
 def compute_features(
-    decomposition: Eigenpairs,
+    decomposition: EigenpairsLike,
     bank: FilterBank,
     *,
     unit: str = "",
@@ -290,7 +290,7 @@ def compute_features(
     >>> hks.values[0].round(3)
     array([0.189, 0.113])
     """
-    check_eigenpairs("compute_features(pairs, bank)", decomposition)
+    decomposition = as_eigenpairs("compute_features(pairs, bank)", decomposition)
     check_tail(tail, bank.kind)
     start = 1 if drop_first else 0
     eigenvalues, rows = decomposition.eigenvalues, decomposition.rows

@@ -23,7 +23,7 @@ from meshmash_viewer.io.atomic import writing_errors, written_together, written_
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import WITHOUT_INDEX, WITHOUT_PROVENANCE, FeatureTable, writer_of
 from meshmash_viewer.mesh import MeshLike, as_mesh
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, check_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import EigenpairsLike, as_eigenpairs
 from meshmash_viewer.vertex_map import VertexMap
 
 if TYPE_CHECKING:
@@ -92,11 +92,15 @@ def write_features(
 
 
 def write_eigenpairs(
-    path: str | Path, decomposition: Eigenpairs, mesh: Mesh, meta: dict[str, Any] | None = None
+    path: str | Path,
+    decomposition: EigenpairsLike,
+    mesh: MeshLike,
+    meta: dict[str, Any] | None = None,
 ) -> None:
-    """Write eigenvalues and eigenvectors with a sentence on their verification, as NPZ or VTP.
+    """Write eigenvalues and eigenvectors with a sentence on their verification.
 
-    Arguments are as for `write_features`, with the endings of `EIGENPAIR_WRITERS`.
+    Arguments are as for `write_features`. Column i is ``phi_i``; the eigenvalues are an array of
+    NPZ and VTP files, and in the provenance of all formats.
 
     Examples
     --------
@@ -104,7 +108,8 @@ def write_eigenpairs(
     >>> np.load(folder / "pairs.npz")["eigenvectors"].shape
     (642, 16)
     """
-    check_eigenpairs("write_eigenpairs(path, pairs, mesh)", decomposition)
+    mesh = as_mesh(mesh)
+    decomposition = as_eigenpairs("write_eigenpairs(path, pairs, mesh)", decomposition, mesh)
     extra = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
     archive = {
         **extra,
@@ -118,14 +123,18 @@ def write_eigenpairs(
     table = FeatureTable(
         mesh, archive, names, decomposition.eigenvectors, decomposition.eigenvalues, extra=extra
     )
-    options = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
+    options = {
+        "kind": "eigenpairs",
+        "proof": decomposition.proof(mesh.unit),
+        "eigenvalues": decomposition.eigenvalues,
+    }
     write_table(path, "eigenpairs", table, options, meta)
 
 
 def write_map_spectrum(
     path: str | Path,
     spectrum: MapSpectrum,
-    mesh: Mesh,
+    mesh: MeshLike,
     name: str = "",
     meta: dict[str, Any] | None = None,
 ) -> None:
@@ -149,7 +158,7 @@ def write_map_spectrum(
         "coefficient": spectrum.coefficients,
         "share": np.array([spectrum.share(int(count) + 1) for count in counts]),
     }
-    table = FeatureTable(mesh, columns, archive_is_table=True)
+    table = FeatureTable(as_mesh(mesh), columns, archive_is_table=True)
     options = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
     write_table(path, "coefficients", table, options, meta)
 
@@ -214,7 +223,7 @@ def write_table(
     is_provenance = {"program", "mesh", "options"} <= given.keys()
     about = dict(given) if is_provenance else provenance(table.mesh, given)
     about["options"] = {**options, **about["options"]}
-    if kind in ("features", "labels"):
+    if kind in ("features", "eigenpairs", "labels"):
         about["columns"] = list(table.columns)
     if table.labels:
         about["labels"] = [[each.key, each.name, each.color] for each in table.labels]

@@ -251,7 +251,7 @@ def _by_trimesh(path: Path, table: FeatureTable) -> None:
     plain.export(path, file_type=path.suffix[1:].lower())
 
 
-#: Writers of features by lower-case ending.
+#: Writers of features and eigenpairs by lower-case ending.
 WRITERS: dict[str, Writer] = {
     ".npz": _npz,
     ".npy": _npy,
@@ -265,9 +265,6 @@ WRITERS: dict[str, Writer] = {
 }
 
 WRITERS |= plug_ins("writers", WRITERS)
-
-#: Writers of eigenpairs by lower-case ending.
-EIGENPAIR_WRITERS: dict[str, Writer] = {".npz": _npz, ".vtp": _vtp}
 
 #: Writers of meshes without fields by lower-case ending.
 MESH_WRITERS: dict[str, Writer] = {
@@ -310,7 +307,7 @@ _NO_FEATURES = (".surf.gii", ".label.gii", ".coord.gii", ".topo.gii")
 #: Plural and writers by ending of each kind of result; None for files written by other modules.
 _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "features": ("features", WRITERS),
-    "eigenpairs": ("eigenpairs", EIGENPAIR_WRITERS),
+    "eigenpairs": ("eigenpairs", WRITERS),
     "coefficients": ("coefficients", SPECTRUM_WRITERS),
     "regions": ("regions", SPECTRUM_WRITERS),
     "labels": ("labels", LABEL_WRITERS),

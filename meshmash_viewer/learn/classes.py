@@ -27,7 +27,7 @@ from meshmash_viewer.learn.training import (
 )
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigenpairs import EigenpairsLike
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.units import counted, format_quantity, format_range
 from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use, unused_number
@@ -165,7 +165,7 @@ def train_classes(
     classifier: Classifier = "ensemble",
     *,
     smoothing: float = 0.0,
-    pairs: Eigenpairs | Sequence[Eigenpairs | None] | None = None,
+    pairs: EigenpairsLike | Sequence[EigenpairsLike | None] | None = None,
     features: Features | Sequence[Features] | None = None,
     scored: bool = True,
     progress: ProgressCallback | None = None,
@@ -265,7 +265,7 @@ def predict_classes(
     mesh: MeshLike,
     model: ClassModel,
     *,
-    pairs: Eigenpairs | None = None,
+    pairs: EigenpairsLike | None = None,
     features: Features | None = None,
     domains: npt.ArrayLike | None = None,
     warn: bool = True,

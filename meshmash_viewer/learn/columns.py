@@ -22,7 +22,7 @@ from meshmash_viewer.learn import KINDS
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback, check_cancelled
 from meshmash_viewer.spectral.cost import check_columns
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Rows
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike, Rows, as_eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.surface.curvature import gaussian_curvature, mean_curvature
 from meshmash_viewer.units import LENGTH_UNITS, METRES, format_quantity, whole_number
@@ -120,13 +120,13 @@ class ClassColumns:
     def chosen(
         cls,
         mesh: MeshLike,
-        pairs: Eigenpairs,
+        pairs: EigenpairsLike,
         t_min: float | None = None,
         t_max: float | None = None,
         **others: Any,
     ) -> Self:
         """Choose columns, by default with the range of times that the eigenpairs resolve."""
-        exact = pairs.exact
+        exact = as_eigenpairs("ClassColumns.chosen(mesh, pairs)", pairs, mesh).exact
         found = hks_time_range(exact.eigenvalues, as_mesh(mesh).area)
         low, high = t_min or found[0], t_max or found[1]
         last = exact.known_to or float(exact.eigenvalues[-1])
@@ -202,7 +202,7 @@ class ClassColumns:
     def compute(
         self,
         mesh: MeshLike,
-        pairs: Eigenpairs | None = None,
+        pairs: EigenpairsLike | None = None,
         *,
         progress: ProgressCallback | None = None,
         cancel: CancelCallback | None = None,
@@ -215,6 +215,8 @@ class ClassColumns:
         """
         mesh = as_mesh(mesh)
         check_columns(mesh.n_vertices, len(self.names))
+        if pairs is not None:
+            pairs = as_eigenpairs("compute(mesh, pairs)", pairs, mesh)
         if pairs is None or not self._reached(mesh, pairs):
             callbacks: Any = {"progress": progress, "cancel": cancel}
             pairs = solve(*self.matrices(mesh), max_eigenvalue=self.limit(mesh), **callbacks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,12 +21,14 @@ from meshmash_viewer.units import format_quantity, named_vertex
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.laplacian import OperatorOptions
-    from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.mesh import Mesh, MeshLike
 
 Rows: TypeAlias = npt.NDArray[np.floating[Any]]
 
 #: Number of values (pairs times vertices) up to which a sum takes negligible time.
 _SMALL = 3_000_000
+#: Largest deviation of products of eigenvectors from the identity, above that of float32.
+_ORTHONORMAL = 1e-4
 
 
 @dataclass(frozen=True)
@@ -278,21 +281,98 @@ class _MappedRows:
     shape: tuple[int, ...]
 
 
-def check_eigenpairs(call: str, *given: Any) -> None:
-    """Raise `InputError` if an argument is not eigenpairs; `call` is the correct call."""
-    for each in given:
-        if not (hasattr(each, "eigenvalues") and hasattr(each, "rows")):
-            raise InputError(
-                f"{call} takes eigenpairs as solve returns them, not of type {type(each).__name__}."
-                " Give pairs of your own as Decomposition(eigenvalues, eigenvectors.T, residuals,"
-                " mass=M.diagonal())."
-            )
-        if len(each.mass) != each.rows.shape[1]:
-            raise InputError(
-                f"The eigenpairs have {each.rows.shape[1]} vertices, and areas of"
-                f" {len(each.mass)}: give what solve returns, or a Decomposition with the diagonal"
-                " of M as its mass."
-            )
+#: Anything that `as_eigenpairs` accepts.
+EigenpairsLike: TypeAlias = "Eigenpairs | tuple[npt.ArrayLike, npt.ArrayLike]"
+
+#: Diagonal of M by the id of the array that owns eigenvectors which `as_pair` has returned.
+_MASSES: dict[int, npt.NDArray[np.float64]] = {}
+
+
+def as_pair(pairs: Eigenpairs) -> tuple[npt.NDArray[np.float64], Rows]:
+    """Return ``(eigenvalues, eigenvectors)``, for which `as_eigenpairs` recalls the masses."""
+    owner = _owner(pairs.eigenvectors)
+    _MASSES[id(owner)] = pairs.mass
+    weakref.finalize(owner, _MASSES.pop, id(owner), None)
+    return pairs.eigenvalues, pairs.eigenvectors
+
+
+def as_eigenpairs(call: str, given: EigenpairsLike, mesh: MeshLike | None = None) -> Eigenpairs:
+    """Convert any accepted form of eigenpairs to `Eigenpairs`.
+
+    Accepted are `Eigenpairs` (returned unchanged) and the pair ``(eigenvalues, eigenvectors)`` of
+    the functions of `meshmash_viewer.decompose`. Their masses are recalled while the arrays, or
+    views of them, exist; for other arrays they are the areas of `mesh`, if the eigenvectors are
+    orthonormal with respect to these.
+
+    `InputError` is raised for other objects, for arrays whose shapes do not agree, and if the
+    masses are unknown. `call` is the correct call, for the message.
+    """
+    if isinstance(given, (tuple, list)) and len(given) == 2:
+        return _from_arrays(call, given, mesh)
+    if not (hasattr(given, "eigenvalues") and hasattr(given, "rows")):
+        raise InputError(
+            f"{call} takes eigenpairs as solve or decompose_mesh return them, not of type"
+            f" {type(given).__name__}."
+        )
+    if len(given.mass) != given.rows.shape[1]:
+        raise InputError(
+            f"The eigenpairs have {given.rows.shape[1]} vertices, and areas of {len(given.mass)}:"
+            " give what solve returns, or a Decomposition with the diagonal of M as its mass."
+        )
+    return given
+
+
+def as_two_eigenpairs(
+    call: str,
+    first: EigenpairsLike,
+    second: EigenpairsLike,
+    meshes: tuple[MeshLike, MeshLike] | None = None,
+) -> tuple[Eigenpairs, Eigenpairs]:
+    """Convert the eigenpairs of two meshes, see `as_eigenpairs`."""
+    here, there = meshes or (None, None)
+    return as_eigenpairs(call, first, here), as_eigenpairs(call, second, there)
+
+
+def _from_arrays(
+    call: str, given: tuple[Any, Any] | list[Any], mesh: MeshLike | None
+) -> Eigenpairs:
+    values, vectors = (np.asarray(each) for each in given)
+    if values.ndim != 1 or vectors.ndim != 2 or vectors.shape[1] != len(values):
+        raise InputError(
+            f"{call} takes eigenvalues of shape (k,) with eigenvectors of shape (n, k), not"
+            f" {values.shape} with {vectors.shape}."
+        )
+    mass = _MASSES.get(id(_owner(vectors)), np.zeros(0))
+    if len(mass) != len(vectors) and mesh is not None:
+        mass = _areas(vectors, mesh)
+    if len(mass) != len(vectors):
+        raise InputError(
+            f"{call}: the areas of these eigenvectors are not known, as for arrays that were copied"
+            " or read from a file. Give Decomposition(eigenvalues, eigenvectors.T, residuals,"
+            " mass=M.diagonal())."
+        )
+    return Eigenpairs(values.astype(np.float64), vectors.T, np.full(len(values), np.nan), mass=mass)
+
+
+def _areas(vectors: Rows, mesh: MeshLike) -> npt.NDArray[np.float64]:
+    """Return the areas of a mesh for which eigenvectors are orthonormal; empty if none are."""
+    from meshmash_viewer.laplacian import compute_vertex_areas
+
+    for robust in (True, False):
+        mass = compute_vertex_areas(mesh, robust=robust)
+        used = mass > 0.0
+        if len(mass) == len(vectors) and np.isfinite(vectors[used]).all():
+            products = (vectors[used].T * mass[used]) @ vectors[used]
+            if np.allclose(products, np.eye(len(products)), atol=_ORTHONORMAL):
+                return mass
+    return np.zeros(0)
+
+
+def _owner(array: Rows) -> Rows:
+    """Return the array that owns the memory of a view."""
+    while isinstance(array.base, np.ndarray):
+        array = array.base
+    return array
 
 
 def format_eigenvalue(value: float, spectrum: Eigenpairs, unit: str, digits: int = 3) -> str:

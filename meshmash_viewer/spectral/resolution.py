@@ -20,7 +20,7 @@ from meshmash_viewer.progress import CancelCallback, ProgressCallback, check_can
 from meshmash_viewer.spectral.cost import check_memory, free_memory
 
 if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike
 
 #: Values in single precision.
 Columns: TypeAlias = npt.NDArray[np.float32]
@@ -42,7 +42,7 @@ _STEEPEST = 2.0
 
 def resolution_error(
     mesh: MeshLike,
-    pairs: Eigenpairs,
+    pairs: EigenpairsLike,
     *,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
@@ -87,9 +87,12 @@ def resolution_error(
     >>> mv.resolution_error(ball, pairs)[1:4].round(4)
     array([-0.0048, -0.0048, -0.0048])
     """
+    from meshmash_viewer.spectral.eigenpairs import as_eigenpairs
     from meshmash_viewer.spectral.eigensolver import solve
 
-    mesh, values = as_mesh(mesh), np.asarray(pairs.eigenvalues, dtype=np.float64)
+    mesh = as_mesh(mesh)
+    pairs = as_eigenpairs("resolution_error(mesh, pairs)", pairs, mesh)
+    values = np.asarray(pairs.eigenvalues, dtype=np.float64)
     if pairs.certificate.low is not None:
         raise InputError(
             "The mesh resolution is estimated for the lowest eigenpairs only, not for pairs around"

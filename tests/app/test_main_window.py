@@ -814,8 +814,10 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     dialog.table.selectRow(2)
     assert dialog.path == tmp_path / "ball_hks.csv"
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
-    assert dialog.path == tmp_path / "ball_eigenpairs.npz"
-    assert not dialog.table.item(2, 0).flags()
+    assert dialog.path == tmp_path / "ball_eigenpairs.csv"
+    dialog.table.selectRow(6)
+    assert dialog.path == tmp_path / "ball_eigenpairs.func.gii"
+    dialog.table.selectRow(0)
     assert not dialog.count_spin.isVisibleTo(dialog)
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("wks"))
     assert dialog.count_spin.isVisibleTo(dialog)

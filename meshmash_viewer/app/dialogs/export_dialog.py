@@ -26,7 +26,7 @@ from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import MOST_COUNT, Family
 from meshmash_viewer.health import listed_repairs
-from meshmash_viewer.io.writers import EIGENPAIR_WRITERS, WRITERS
+from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.pieces import LEAST, PiecesJob, in_pieces, usual_pieces
@@ -249,15 +249,10 @@ class ExportDialog(SaveDialog):
         table.setFixedHeight(26 * len(FORMATS) + 32)
         table.selectRow(0)
 
-    def _holds(self, chosen: Format) -> bool:
-        """Return whether a format can hold the columns; only two formats hold eigenpairs."""
-        return self._output == "features" or chosen.ending in EIGENPAIR_WRITERS
-
     def _change_kind(self) -> None:
         chosen = self._chosen()
         features = chosen is None or chosen.makes_features()
         counted_by = "" if chosen is None else chosen.counted
-        self._output = "features" if features else "eigenpairs"
         self.count_spin.setVisible(bool(counted_by))
         others = [each for each in self._mesh.maps if chosen is not None or each is not self._shown]
         names = ", ".join(each.name for each in others)
@@ -270,12 +265,6 @@ class ExportDialog(SaveDialog):
         self._form.setRowVisible(self.pairs_spin, chosen is not None and chosen.of_pairs)
         if counted_by:
             show_quietly(self.count_spin, getattr(chosen, counted_by))
-        flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
-        for each, items in zip(FORMATS, self._items, strict=True):
-            for item in items:
-                item.setFlags(flags if self._holds(each) else Qt.ItemFlag.NoItemFlags)
-        if not self._holds(self.format):
-            self.table.selectRow(0)
         path, stem = self.path, self.path.name.removesuffix(self.format.ending)
         for kind in (*EXPORTS, _MAPS):
             if stem.endswith(f"_{kind}"):
@@ -295,7 +284,7 @@ class ExportDialog(SaveDialog):
 
     def _choose_ending(self, ending: str) -> None:
         for at, each in enumerate(FORMATS):
-            if each.ending == ending and self._holds(each):
+            if each.ending == ending:
                 self.table.selectRow(at)
 
     def _refresh(self) -> None:
@@ -308,7 +297,7 @@ class ExportDialog(SaveDialog):
         self._possible = bool(columns)
         for each, items in zip(FORMATS, self._items, strict=True):
             size = n * (each.number * len(columns) + each.place)
-            items[2].setText(written_bytes(size) if columns and self._holds(each) else "–")
+            items[2].setText(written_bytes(size) if columns else "–")
         kind = "float32" if self.format.number < 8 and self.format.ending != ".csv" else "float64"
         self.contents_label.setText(
             f"{counted(n, 'row')} (vertices) × {counted(len(columns), 'column')}, {kind}.\n{about}"

@@ -90,7 +90,11 @@ class RegionTable(Table):
         return f"{known}, {unit}" if unit else known
 
     def title_tip(self, column: int) -> str:
-        return self._title(self._columns[column - 1], self._columns[column - 1]) if column else ""
+        if not column:
+            return ""
+        name = self._columns[column - 1]
+        weighted = ", weighted by area" if name.startswith("mean ") else ""
+        return f"{self._title(name, name)}{weighted}"
 
     def is_number(self, column: int) -> bool:
         return column > 0
