@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -178,9 +179,7 @@ class Computation:
             wanted = min(request.n_components, pencil.n)
             top = 0.0
             if wanted > pencil.n_null:
-                # `find_top` prepares the first slices, which known pairs make unnecessary.
-                find = plan.find_top if known is None else plan.find
-                top = find(wanted, wanted + max(4, wanted // 40))
+                top = plan.find_top(wanted, wanted + max(4, wanted // 40))
                 ordered.solve_repeated(_BEYOND * top)
         counted = plan.count(top)
         self._spend("count", started)
@@ -196,12 +195,11 @@ class Computation:
         end, last = (top, wanted)
         if last_slice is not None:
             end, last = below, last_slice.interval.first
-        begin: float | None = 0.0
-        if known is not None:
-            first = min(len(known.values), last)
-            is_all = first == last == plan.count(end)
-            begin = end if is_all else known.border(plan, first)
-        yield from self._open(wanted, None if begin is None else known)
+        if known is not None and not (len(known.values) >= last == plan.count(end)):
+            # Counted apart, so that the slices are those of a run without known pairs.
+            aside = SpectrumPlan(ordered, self._stop, self._sizes, jobs)
+            known = known if known.agrees_with_counts(aside, last) else None
+        self._open(wanted, known)
         yield from self._place_null()
         if wanted <= pencil.n_null:
             self._refuse_negative(plan)
@@ -209,7 +207,7 @@ class Computation:
             if pencil.n_null:
                 self._count = Certificate("null space", pencil.n_null, pencil.n_null)
             return
-        yield from self._slices(ordered, plan, begin or 0.0, end)
+        yield from self._slices(ordered, plan, end)
         if last_slice is not None:
             yield from self._place_slice(ordered, last_slice)
         self._count = Certificate("inertia", counted, counted, top * pencil.unit)
@@ -262,22 +260,28 @@ class Computation:
     def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
         return self.request.n_jobs or worker_count(ordered, self._cores, pairs, self.request.lean)
 
-    def _slices(
-        self, ordered: OrderedPencil, plan: SpectrumPlan, low: float, high: float
-    ) -> Iterator[slice]:
-        """Compute and write the pairs between two values.
+    def _slices(self, ordered: OrderedPencil, plan: SpectrumPlan, high: float) -> Iterator[slice]:
+        """Compute and write the pairs below a value, except slices that are known.
 
         If a border proves to lie on an eigenvalue, the slices already computed are kept, and
         further borders are counted on both sides.
         """
-        if low >= high:
+        yield from self._keep(self.output.total if self._n_kept == self.output.total else 0)
+        if high <= 0.0 or self.output.written == self.output.total:
             return
-        started, count = time.perf_counter(), plan.count(high)
-        self._report(partial(self._pace.begin_slices, count - plan.count(low)))
+        started, low, count = time.perf_counter(), 0.0, plan.count(high)
+        self._report(partial(self._pace.begin_slices, count - max(plan.count(low), self._n_kept)))
         for settled in (False, True):
+            planned = plan.slices(low, high, settled)
+            begun: list[Interval] = []
+            for each in planned:
+                if self._n_kept < min(each.first + each.n_expected, self.output.total):
+                    begun.append(each)
+                    break
+                yield from self._keep(each.first + each.n_expected)
             intervals = (
                 replace(each, most=self._needed(each.first))
-                for each in plan.slices(low, high, settled)
+                for each in chain(begun, planned)
                 if self._needed(each.first) != 0
             )
             try:
@@ -298,8 +302,9 @@ class Computation:
         return max(self.output.total - first, 0) if first >= self._n_kept else None
 
     def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
-        """Write the unknown pairs of a slice."""
+        """Accept the known pairs of a slice, and write the others."""
         first, kept = pairs.interval.first, self._n_kept
+        yield from self._keep(first + len(pairs.values))
         if self._known is None or kept <= first:
             yield from self._place(pairs)
         elif kept < first + len(pairs.values):
@@ -307,9 +312,10 @@ class Computation:
             yield from self._place(Found(values, measure_pairs(ordered, rows)[1], rows))
 
     def _place_null(self) -> Iterator[slice]:
-        """Write the requested null space after the kept pairs."""
+        """Accept the known part of the requested null space, and write the rest."""
         pencil, kept = self.pencil, self._n_kept
         count = min(pencil.n_null, self.output.total)
+        yield from self._keep(count)
         if kept < count:
             rows = pencil.null_rows(count)[kept:]
             residuals = pencil.null_residuals[kept:count]
@@ -384,7 +390,8 @@ class Computation:
             values, rows = values[kept:], rows[kept:]
         self._spend("dense", started)
         if not hasattr(self, "output"):
-            yield from self._open(count, known if kept else None)
+            self._open(count, known if kept else None)
+            yield from self._keep(count)
         values, rows, null = values[: count - kept], rows[: count - kept], null[kept:]
         residuals = dense_residuals(pencil, values, rows)
         residuals[: len(null)] = pencil.null_residuals[null]
@@ -423,18 +430,23 @@ class Computation:
 
     # -- output -----------------------------------------------------------------------------------
 
-    def _open(self, k: int, known: KnownPairs | None = None) -> Iterator[slice]:
-        """Allocate k rows; yield the slice of the known rows, which are kept."""
+    def _open(self, k: int, known: KnownPairs | None = None) -> None:
+        """Allocate k rows, of which the first are those of the known pairs."""
         self._known = known
-        self._n_kept = kept = 0 if known is None else min(k, len(known.values))
-        self.output = Output.allocate(self.pencil, self.request, k, kept)
-        if known is not None:
+        self._n_kept = 0 if known is None else min(k, len(known.values))
+        self.output = Output.allocate(self.pencil, self.request, k, self._n_kept)
+
+    def _keep(self, stop: int) -> Iterator[slice]:
+        """Accept the known pairs below an index."""
+        stop = min(stop, self._n_kept)
+        if self._known is not None and self.output.written < stop:
             started = time.perf_counter()
-            yield self.output.keep(known.given.eigenvalues[:kept], known.given.residuals[:kept])
+            place = self.output.keep(self._known.given, stop)
             self._spend("output", started)
+            yield place
 
     def _write_all(self, pairs: Found) -> Iterator[slice]:
-        yield from self._open(len(pairs.values))
+        self._open(len(pairs.values))
         yield from self._place(pairs)
 
     def _place(self, pairs: Found) -> Iterator[slice]:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Progress, ProgressCallback
+from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.basis import BLOCK
 from meshmash_viewer.spectral.engine.lanczos import Found, usual_rows
@@ -36,7 +37,7 @@ _ZERO = 1e-9
 _MIXTURES = 8
 #: Vertices processed at a time.
 _CHUNK = 8192
-#: Earlier or known rows processed at a time.
+#: Earlier rows processed at a time.
 _KEPT = 128
 
 
@@ -86,11 +87,12 @@ class Output:
         return len(self.eigenvalues)
 
     def leading(self, count: int) -> Eigenpairs:
-        """Return the first pairs, which are final; the rows are a view."""
+        """Return the first pairs, which are final, with their orthonormality; rows are a view."""
         return Eigenpairs(
             self.eigenvalues[:count].copy(),
             self.rows[:count],
             self.residuals[:count].copy(),
+            Certificate("none", orthonormality=self.orthonormality),
             total=self.total,
             mass=self.mass,
         )
@@ -131,16 +133,21 @@ class Output:
         self.written += count
         return place
 
-    def keep(self, eigenvalues: FloatArray, residuals: FloatArray) -> slice:
-        """Accept the next rows of the array as final, measure them, and return their slice."""
-        place = slice(self.written, self.written + len(eigenvalues))
-        self.eigenvalues[place], self.residuals[place] = eigenvalues, residuals
-        for part in blocks(place.stop, _KEPT, place.start):
-            kept = self.rows[part]
-            worst = max(self._agree(part, final=True), self._defect(kept))
-            self.orthonormality = max(self.orthonormality, worst)
-            self._before = part
-        self.written = place.stop
+    def keep(self, known: Eigenpairs, stop: int) -> slice:
+        """Accept the next rows of the array, known pairs up to an index, and return their slice.
+
+        They are measured, except pairs of an unfinished run, which have been measured.
+        """
+        place = slice(self.written, stop)
+        self.eigenvalues[place] = known.eigenvalues[place]
+        self.residuals[place] = known.residuals[place]
+        worst, begun = self._agree(place, final=True), known.certificate
+        if begun.method == "none" and begun.orthonormality > 0.0:
+            worst = begun.orthonormality
+        else:
+            worst = max(worst, self._defect(self.rows[place]))
+        self.orthonormality = max(self.orthonormality, worst)
+        self._before, self.written = place, stop
         return place
 
     def _separate(self, place: slice, at: slice) -> tuple[FloatArray, FloatArray]:

@@ -401,28 +401,29 @@ class KnownPairs:
         found = np.asarray(self.given.rows[start:stop], dtype=np.float64)
         return np.ascontiguousarray(found[:, self._pencil.active]) * self._pencil.root_mass
 
-    def border(self, plan: SpectrumPlan, count: int) -> float | None:
-        """Return a value in a wide gap near the end of the first `count` pairs; 0 without a gap.
+    def agrees_with_counts(self, plan: SpectrumPlan, most: int) -> bool:
+        """Whether counts contradict neither index nor number of the first `most` known pairs.
 
-        The gap does not separate copies of a multiple eigenvalue. Returns None if the count at the
-        value, or below the last pair and its copies, contradicts the indices of the known pairs.
+        Counted are eigenvalues below the last pair and its copies, and below a value in a wide gap
+        near the end, which does not separate copies of a multiple eigenvalue.
         """
-        values, n_null = self.values[:count], self._pencil.n_null
+        values, n_null = self.values[:most], self._pencil.n_null
+        count = len(values)
         index = np.arange(n_null + 1, count)
         gaps = values[index] - values[index - 1]
         wide = np.flatnonzero(gaps > _EQUAL * values[index])
         if len(wide) == 0:
-            return 0.0
+            return True
         try:
             below_last = plan.settle(float(values[-1]), -1.0, wide=True)
             if plan.count(below_last) != index[wide[-1]]:
-                return None
+                return False
             last = wide[wide >= len(index) - _TAIL] if wide[-1] >= len(index) - _TAIL else wide[-1:]
             at = index[last[np.argmax(gaps[last])]]
             border = plan.settle(0.5 * float(values[at - 1] + values[at]))
         except FactorizationError:
-            return None
-        return border if border < values[at] and plan.count(border) == at else None
+            return False
+        return bool(border < values[at] and plan.count(border) == at)
 
     def complement(
         self, start: int, stop: int, values: FloatArray, rows: FloatArray
