@@ -765,6 +765,25 @@ def test_what_cannot_be_had_in_pieces_is_one_sentence(
     assert not out.exists()
 
 
+def test_pieces_that_disagree_are_written_only_if_that_is_accepted(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    mesh, path, out = shapes.icosphere(4), tmp_path / "sphere.npz", tmp_path / "bands.npz"
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    kind = ("--kind", "geometry-vectors", "--n-components", 4, "--max-eigenvalue", 40)
+    asked = ("features", path, *kind, "-o", out, "--no-cache")
+    status, _, err = run(capsys, *asked, "--pieces", 3, "--jobs", 1)
+    assert (status, err.count("\n")) == (2, 1), err
+    assert "take fewer pieces, solve the whole, or accept the seams (--accept-seams)." in err
+    assert not out.exists()
+    status, _, err = run(capsys, *asked, "--pieces", 3, "--jobs", 1, "--accept-seams")
+    assert status == 0
+    assert "differ by more than 1 % in the median where pieces meet" in err
+    assert out.exists()
+    status, _, err = run(capsys, *asked, "--accept-seams")
+    assert (status, "give --pieces" in err) == (2, True)
+
+
 def test_two_meshes_are_compared(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:

@@ -73,6 +73,8 @@ def _check_combination(options: Namespace) -> None:
             "--count auto takes as many eigenpairs as the shortest time of --kind hks needs: give"
             " --t-min, or a number."
         )
+    if options.accept_seams and options.pieces is None:
+        raise InputError("--accept-seams is for features in pieces: give --pieces, or omit it.")
     if options.map and len(options.mesh) > 1:
         raise InputError("--map is for one mesh: give one, or store the values in the mesh files.")
     family = EXPORTS.get(options.kind)  # None for maps alone
@@ -104,6 +106,7 @@ def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) 
         options.drop_first,
         options.jobs or -1,
         getattr(options, "client", None),
+        options.accept_seams,
     )
     with watched(mesh) as callbacks:
         report = job.write(**callbacks)

@@ -137,6 +137,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
     },
     "--pieces": _takes(whole(1), "N", "compute in about N overlapping pieces, for a mesh too large"
         " to be solved whole"),
+    "--accept-seams": {
+        "action": "store_true",
+        "help": "with --pieces: write features that differ by more than 10 % where pieces meet",
+    },
     # points
     "--points": _takes(Path, "FILE", "table of points, such as synapses: CSV, Parquet or Feather"),
     "--position": _takes(str, "NAME", "name of the position if rows have several, such as pre_pt or"

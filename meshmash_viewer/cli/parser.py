@@ -118,7 +118,7 @@ def command_parser() -> ArgumentParser:
         help=f"default: hks; {MAPS}: only the values per vertex of the mesh and of --map",
     )
     _add_families(features, EXPORTS, f"number of columns, {usual_counts(EXPORTS)}")
-    add_options(features, "--tail", "--component-column", "--pieces", "--maps")
+    add_options(features, "--tail", "--component-column", "--pieces", "--accept-seams", "--maps")
     _add_outputs(features)
     add_options(features, "--whole-mesh", "--map", "--drop-first", "--structure", *_CLUSTER)
 

@@ -32,6 +32,8 @@ from meshmash_viewer.work import Channel
 LEAST, _USUAL = 500, 20_000
 #: Maximum ratio of overlap vertices to core vertices of a piece.
 _WIDEST = 11
+#: Largest median difference at seams that is accepted unless the user accepts any.
+_ACCEPTED = 0.1
 
 
 def usual_pieces(n_vertices: int) -> int:
@@ -81,6 +83,8 @@ class PiecesJob:
     n_jobs: int = -1
     #: Client of a Dask scheduler, see `MeshStitcher`.
     client: Any = None
+    #: Whether features are written that differ at seams by more than a tenth in the median.
+    accept_seams: bool = True
 
     @property
     def label(self) -> str:
@@ -127,8 +131,8 @@ class PiecesJob:
 
         `done` is called with the vertices and values of each piece. The report for JSON contains
         the relative differences at seams, and the columns whose median difference exceeds 1 %.
-        `InputError` is raised if the columns depend on the spectrum of the whole mesh, or there are
-        too many pieces.
+        `InputError` is raised if the columns depend on the spectrum of the whole mesh, there are
+        too many pieces, or a difference is not accepted.
         """
         from meshmash_viewer.io.provenance import export_options
         from meshmash_viewer.io.write import write_features
@@ -147,6 +151,9 @@ class PiecesJob:
         task = PieceFeatures(self.operator, top, bank, self.drop_first)
         whole = task.on(stitcher, done, progress=progress, cancel=cancel)
         values, truncation, seams, median = whole
+        if not self.accept_seams and median.max(initial=0.0) > _ACCEPTED:
+            remedy = "take fewer pieces, solve the whole, or accept the seams (--accept-seams)."
+            raise InputError(seam_sentence(bank.columns, median, remedy))
         found = {
             "pieces": len(stitcher.pieces),
             "largest_piece": max(len(piece) for piece in stitcher.pieces),
