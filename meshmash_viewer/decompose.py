@@ -11,12 +11,13 @@ without unreferenced vertices, which are NaN; `reconstruct` is the inverse.
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
 from meshmash_viewer.features.descriptors import (
     compute_geometry_vectors,
     compute_hks,
@@ -78,7 +79,7 @@ def decompose_laplacian(
     M : sparse matrix or array, shape (n, n)
         Diagonal mass matrix.
     n_components : int
-        Number of eigenpairs; all n pairs if it exceeds n.
+        Number of eigenpairs; if it exceeds n, all n pairs and a `MeshWarning`.
     op_inv : LinearOperator, optional
         ``(L - sigma M)^-1``, with which ARPACK finds the pairs. The pairs are still counted by one
         factorization; if some are missing, the solver recomputes all.
@@ -132,6 +133,10 @@ def _decomposed(
         stacklevel=4,
         **options,
     )
+    if (every := result.n_components) < n_components:
+        requested = f"{of_mesh(options.get('name', ''))}{n_components:,} eigenpairs were requested"
+        text = f"{requested}; the mesh has {every:,}, and all of them are returned."
+        warnings.warn(text, MeshWarning, stacklevel=3)
     return as_pair(result)
 
 

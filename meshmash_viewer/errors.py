@@ -33,10 +33,11 @@ class UnprovenError(InputError):
 
 
 class MeshWarning(UserWarning):
-    """Warning that a part of a file is not read, or a result depends on a fault of the mesh.
+    """Warning that a part of a file is not read, or a result depends on a limit of the mesh.
 
-    `read_mesh` warns of ignored content of a file, such as the lines and points of a scene, and
-    `mean_curvature` of neighbouring faces with inconsistent orientation.
+    `decompose_mesh` warns if more pairs are requested than the mesh has, `read_mesh` of ignored
+    content of a file, such as the lines and points of a scene, and `mean_curvature` of neighbouring
+    faces with inconsistent orientation.
 
     Examples
     --------
