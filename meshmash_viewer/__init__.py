@@ -5,10 +5,11 @@ importing the package loads neither Qt nor VTK. A mesh is ``(vertices, faces)``,
 these two attributes, a pyvista ``PolyData`` or a `Mesh`.
 
 >>> import meshmash_viewer as mv
->>> mesh = mv.read_mesh("neuron.ply", unit="nm")
+>>> from meshmash_viewer.samples import sample_path
+>>> mesh = mv.read_mesh(sample_path("neuron"))
 >>> eigenvalues, eigenvectors = mv.decompose_mesh(mesh, n_components=100)
 >>> hks = mv.compute_hks(mesh, max_eigenvalue=eigenvalues[-1], n_components=32)
->>> mv.view(mesh)
+>>> window = mv.view(mesh)
 
 Examples of functions also assume ``import numpy as np``, ``import trimesh``, a `folder` for files,
 and 16 eigenpairs of a sphere: ``ball = trimesh.creation.icosphere(3)``,

@@ -50,6 +50,21 @@ def test_python_of_a_page_runs(block: str, tmp_path: Path, monkeypatch: pytest.M
     exec(compile(block, "page", "exec"), {"__name__": "page"})
 
 
+def test_python_of_the_readme_and_of_the_package_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", readme, re.S | re.M)
+    example = doctest.script_from_examples(mv.__doc__ or "")
+    shown: list[Any] = []
+    monkeypatch.setattr(mv, "view", shown.append)
+    for code in (block, example):
+        names: dict[str, Any] = {}
+        exec(compile(code, "readme", "exec"), names)
+        n_vertices = names["mesh"].n_vertices
+        assert shown.pop() is names["mesh"]
+        assert names["hks"].shape == (n_vertices, 32)
+        assert names["eigenvectors"].shape == (n_vertices, len(names["eigenvalues"]))
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_links_lead_somewhere(page: Path) -> None:
     links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
