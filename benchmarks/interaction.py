@@ -113,9 +113,10 @@ def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
     from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs
     from meshmash_viewer.spectral.eigensolver import solve
+    from meshmash_viewer.spectral.weyl import Target
 
     operator = OperatorOptions()
-    store = EigenpairStore(mesh, operator)
+    store = EigenpairStore(mesh, operator, Target("count", n_pairs))
     if solved:
         stiffness, mass = cotangent_laplacian(mesh, robust=True)
         options = {"allocate": store.allocate, "on_pairs": store.append}

@@ -148,7 +148,7 @@ class Restoration:
         source = session.source if self._saved_itself else ""
         self._document.open_mesh(
             self._mesh_path, session.unit, self._operator, repairs=session.repairs, source=source,
-            maps=self._maps,
+            maps=self._maps, target=self._target if session.target else None,
         )  # fmt: skip
 
     def stop(self) -> None:

@@ -288,6 +288,15 @@ def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
     return Target("max_eigenvalue", eigenvalue)
 
 
+def asked_target(target: Target, area: float, n_vertices: int) -> Target:
+    """Return a target as the largest eigenvalue, or as a count of at most `n_vertices` pairs."""
+    if target.kind == "time":
+        target = sufficient_target(target.value, area, n_vertices)
+    if target.max_eigenvalue is not None:
+        return Target("max_eigenvalue", target.max_eigenvalue)
+    return Target("count", min(target.value, max(n_vertices, 1)))
+
+
 def mesh_limit(
     time: float, area: float, n_vertices: int, unit: str = "", median_edge: float | None = None
 ) -> str:

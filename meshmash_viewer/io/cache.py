@@ -10,7 +10,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from meshmash_viewer.io.atomic import LEFT_OVER, cache_folder, discard, written_
 from meshmash_viewer.spectral.certificate import Certificate
 
 #: Version of the file format and of the operator; stores of other versions are not used.
-FORMAT = 6
+FORMAT = 7
 #: File that describes a store; its modification time is the time of the store's last use.
 PROBLEM = "problem.json"
 #: Files of a store with its eigenvectors, and with all other published data.
@@ -157,7 +157,7 @@ _FIRST_LINE = len(_MAGIC) + 64 + 1
 #: Name of the JSON among the arrays.
 _ABOUT = "about.json"
 #: Attributes that are arrays.
-_ARRAYS = ("eigenvalues", "residuals", "checksums", "mass")
+_ARRAYS = ("eigenvalues", "residuals", "checksums", "stops", "defects", "mass")
 
 
 class Damaged(ValueError):
@@ -178,27 +178,38 @@ class Published:
     residuals: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     #: Shape (k,): CRC-32 of each row.
     checksums: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
+    #: Shape (b,): Number of pairs up to the end of each batch, and their orthonormality.
+    stops: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    defects: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     #: Shape (n,).
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    #: Number of pairs, certificate and timings (s) of the last complete run.
-    n_proven: int = 0
+    #: Certificate and timings (s) of the complete run; the method is "none" until then.
     certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
     timings: dict[str, float] = field(default_factory=dict)
-    #: Eigenvalue threshold of the last complete run; 0 if it had none.
+    #: Eigenvalue threshold of the complete run; 0 if it had none.
     known_to: float = 0.0
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether the run is complete."""
+        return self.certificate.method != "none"
+
     def first(self, count: int) -> Published:
-        """Return the data on the first `count` pairs."""
-        return replace(
-            self,
-            eigenvalues=self.eigenvalues[:count],
-            residuals=self.residuals[:count],
-            checksums=self.checksums[:count],
-            n_proven=min(self.n_proven, count),
-            known_to=self.known_to if self.n_proven <= count else 0.0,
+        """Return the data on the batches within the first `count` pairs."""
+        if count >= len(self):
+            return self
+        n_batches = int(np.searchsorted(self.stops, count, side="right"))
+        count = int(self.stops[n_batches - 1]) if n_batches else 0
+        return Published(
+            self.eigenvalues[:count],
+            self.residuals[:count],
+            self.checksums[:count],
+            self.stops[:n_batches],
+            self.defects[:n_batches],
+            self.mass,
         )
 
     def write(self, path: Path, key: str) -> None:

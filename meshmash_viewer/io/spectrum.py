@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.features.truncation import asked_target
 from meshmash_viewer.io.cache import EigenpairCache
 from meshmash_viewer.io.store import EigenpairStore, StoreUnusable
 from meshmash_viewer.progress import Progress
@@ -24,24 +25,40 @@ if TYPE_CHECKING:
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.progress import CancelCallback
+    from meshmash_viewer.spectral.weyl import Target
 
 
 def find_eigenpairs(
     mesh: Mesh,
     operator: OperatorOptions,
+    target: Target,
     spare: Path | None = None,
     *,
     count: int | None = None,
     cancel: CancelCallback | None = None,
 ) -> tuple[Eigenpairs | None, str]:
-    """Return the stored eigenpairs of a mesh, without computing any, and a remark on damage.
+    """Return the stored eigenpairs of a request, without computing any, and a remark on damage.
 
-    Returned are the leading pairs, at most `count`, before the first row that does not agree with
-    its checksum; None if there are none. `spare` is a second cache folder, used if it has more
+    Returned are the leading pairs, at most `count`, before a batch with a row that does not agree
+    with its checksum; None if there are none. `spare` is a second cache folder, used if it has more
     pairs than the user's. For `cancel`, see `EigenpairStore.load`. The remark is a sentence for the
     user, or "".
     """
-    return _longest(_stores(mesh, operator, spare), count, cancel)[:2]
+    return _longest(_stores(mesh, operator, target, spare), count, cancel)[:2]
+
+
+def last_eigenpairs(
+    mesh: Mesh,
+    operator: OperatorOptions,
+    target: Target | None,
+    cancel: CancelCallback | None = None,
+) -> tuple[Eigenpairs | None, str]:
+    """Return what `find_eigenpairs` finds for a target or, if nothing, for the last one used."""
+    for each in [*filter(None, [target]), *EigenpairStore.targets(mesh, operator)]:
+        pairs, remark = find_eigenpairs(mesh, operator, each, cancel=cancel)
+        if pairs is not None or remark:
+            return pairs, remark
+    return None, ""
 
 
 def obtain_eigenpairs(
@@ -54,7 +71,8 @@ def obtain_eigenpairs(
 ) -> tuple[Eigenpairs, str]:
     """Return the eigenpairs of a mesh, and a remark on the store.
 
-    Missing pairs are computed and stored. At the start of a computation, `on_pairs` of the request
+    The result depends on mesh, operator, and part of the spectrum alone. Missing pairs are computed
+    and stored. At the start of a computation, `on_pairs` of the request
     is called with the stored pairs, which may be none. Rows in a file are mapped read-only.
     `use_cache` is whether the user's cache is used. `spare` is the cache folder to use if the
     user's cannot be written; without it, pairs are then in memory. The remark is a sentence for the
@@ -63,14 +81,14 @@ def obtain_eigenpairs(
     `InputError` is raised if the request is invalid or the pairs do not fit into memory, and
     `Cancelled` after `cancel` returned True; converged pairs stay in the store.
     """
-    stores = _stores(mesh, operator, spare) if use_cache else []
-    if found := _answer(stores, request):
+    stores = _stores(mesh, operator, request.asked, spare) if use_cache else []
+    if found := _answer(stores, request.cancel):
         return found, ""
 
     keeper = _Keeper(stores, in_file=spare is not None)
     try:
         # another process may have computed the pairs before the lock was acquired
-        pairs = _answer(stores, request) or keeper.run(mesh, operator, request)
+        pairs = _answer(stores, request.cancel) or keeper.run(mesh, operator, request)
         return pairs, " ".join(keeper.remarks)
     finally:
         for store in stores:
@@ -79,15 +97,17 @@ def obtain_eigenpairs(
 
 def stored_answer(mesh: Mesh, operator: OperatorOptions, request: Request) -> Eigenpairs | None:
     """Return the stored eigenpairs that answer a request; None if some are missing or damaged."""
-    return _answer(_stores(mesh, operator, None), request)
+    return _answer(_stores(mesh, operator, request.asked, None), request.cancel)
 
 
-def _stores(mesh: Mesh, operator: OperatorOptions, spare: Path | None) -> list[EigenpairStore]:
-    store = EigenpairStore(mesh, operator)
+def _stores(
+    mesh: Mesh, operator: OperatorOptions, target: Target, spare: Path | None
+) -> list[EigenpairStore]:
+    store = EigenpairStore(mesh, operator, target)
     _tidy_once(store.folder.parent)
     if spare is None:
         return [store]
-    return [store, EigenpairStore(mesh, operator, root=spare)]
+    return [store, EigenpairStore(mesh, operator, target, root=spare)]
 
 
 @cache
@@ -95,13 +115,13 @@ def _tidy_once(root: Path) -> None:
     EigenpairCache(root).tidy()
 
 
-def _answer(stores: list[EigenpairStore], request: Request) -> Eigenpairs | None:
+def _answer(stores: list[EigenpairStore], cancel: CancelCallback | None) -> Eigenpairs | None:
     """Return stored pairs that answer a request; None if some are missing or damaged."""
     for store in stores:
-        if (count := store.covers(request)) is not None:
-            found = store.load(count, request.cancel)
-            if found is not None and len(found) == count:
-                return replace(found, known_to=max(found.known_to, request.max_eigenvalue or 0.0))
+        if store.is_complete:
+            found = store.load(cancel=cancel)
+            if found is not None and found.certificate.method != "none":
+                return found
     return None
 
 
@@ -142,6 +162,8 @@ class _Keeper:
         from meshmash_viewer.spectral.cost import check_memory, free_memory
         from meshmash_viewer.spectral.eigensolver import Run
 
+        n_vertices = mesh.n_vertices - len(mesh.unreferenced)
+        target = asked_target(request.asked, mesh.area, n_vertices)
         free = free_memory()
         known, damage, source = _longest(self._stores, None, request.cancel)
         if damage:
@@ -168,16 +190,17 @@ class _Keeper:
 
         def follow(pairs: Eigenpairs) -> None:
             if request.on_pairs is not None:
-                request.on_pairs(replace(pairs, operator=operator))
+                request.on_pairs(replace(pairs, target=target, operator=operator))
 
         if request.n_components is not None:
             fits(request.n_components)
         first = known or Eigenpairs(np.zeros(0), np.zeros((0, mesh.n_vertices)), np.zeros(0))
         follow(Eigenpairs(first.eigenvalues, first.rows, first.residuals, mass=mass.diagonal()))
-        solve = replace(request, known=known, allocate=allocate, on_pairs=publish)
+        # with the same slices for all callers
+        solve = replace(request, known=known, early=True, allocate=allocate, on_pairs=publish)
         pairs = Run(stiffness, mass, solve).pairs()
         self._append(pairs)
-        return replace(self._mapped(pairs), operator=operator)
+        return replace(self._mapped(pairs), target=target, operator=operator)
 
     def _allocate(
         self, k: int, n: int, n_kept: int, source: EigenpairStore | None

@@ -1,12 +1,15 @@
 """Stores of eigenpairs on the disk, which one process writes and other processes read.
 
-A store is a folder named by a hash of its mesh and operator. It has two data files. The first
+A store is a folder named by hashes of its mesh and operator, and of what was asked for. So the
+pairs of a request depend on nothing but the request: not on pairs that were stored for another
+request, nor on interruptions, since a resumed run repeats the plan of an uninterrupted one, except
+for complete batches. A store has two data files. The first
 contains the eigenvectors, contiguous rows of float64 without a header, so that they can be mapped.
 The second (see `meshmash_viewer.io.cache`) contains the eigenvalues, residuals and checksums of the
 published rows. It is replaced atomically after new rows have been flushed to the disk, and
 published rows are not written again. Published pairs therefore survive a kill, a power failure and
-a resumed run. A store has a leading part of the spectrum without gaps: from the first damaged row
-on, pairs are computed again.
+a resumed run. A store has the leading batches of the spectrum: from the batch of the first damaged
+row on, pairs are computed again.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from filelock import FileLock, Timeout
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.truncation import asked_target
 from meshmash_viewer.io.atomic import make_room, persistently, written_whole
 from meshmash_viewer.io.cache import (
     DEFAULT_CAP,
@@ -43,19 +47,21 @@ from meshmash_viewer.io.cache import (
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.weyl import Target
 
 if TYPE_CHECKING:
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.spectral.engine.request import Request
 
 
 #: Number of threads that compute checksums, and bytes that each thread reads at a time.
 _THREADS, _BLOCK = 2, 1 << 18
 #: Exceptions raised by reading a damaged or wrong file.
 _UNUSABLE = (OSError, ValueError, KeyError, TypeError)
-#: Relative tolerance of eigenvalue thresholds, the same as in the solver.
-_THRESHOLD_MARGIN = 1e-11
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 class StoreUnusable(InputError):
@@ -67,25 +73,28 @@ class StoreBusy(StoreUnusable):
 
 
 class EigenpairStore:
-    """Stored eigenpairs of one mesh and operator, in a folder that is made at the first write.
+    """Stored eigenpairs of one request, in a folder that is made at the first write.
 
-    The folder is in the cache folder `root`, by default the user's, of at most `cap` bytes.
-    `damage` names damaged pairs found by `covers` or `load`: "eigenpairs 20 to 39", or "".
+    The request is the part `target` of the spectrum of a mesh and operator. The folder is in the
+    cache folder `root`, by default the user's, of at most `cap` bytes. `damage` names damaged pairs
+    found by `is_complete` or `load`: "eigenpairs 20 to 39", or "".
     """
 
     def __init__(
         self,
         mesh: Mesh,
         operator: OperatorOptions,
+        target: Target,
         root: str | Path | None = None,
         cap: int = DEFAULT_CAP,
     ) -> None:
         self._cache = EigenpairCache(root, cap)
-        key = self.key(mesh, operator)
+        self.target = asked_target(target, mesh.area, mesh.n_vertices - len(mesh.unreferenced))
+        key = self.key(mesh, operator, self.target)
         self.folder = self._cache.root / key
         self.n_vertices = mesh.n_vertices
         self._operator = operator
-        #: Content of the file `PROBLEM`, for users; only format and n_vertices are read again.
+        #: Content of the file `PROBLEM`; only format, n_vertices and target are read again.
         self._description = {
             "format": FORMAT,
             "mesh": {
@@ -96,6 +105,7 @@ class EigenpairStore:
                 "n_faces": mesh.n_faces,
             },
             "operator": asdict(operator),
+            "target": asdict(self.target),
         }
         self._lock = FileLock(self._cache.lock_path(key), timeout=0, thread_local=False)
         self.damage = ""
@@ -107,39 +117,37 @@ class EigenpairStore:
         self._lost = False
 
     @staticmethod
-    def key(mesh: Mesh, operator: OperatorOptions) -> str:
-        """Return the key of a mesh and operator, 32 hexadecimal digits."""
+    def key(mesh: Mesh, operator: OperatorOptions, target: Target | None = None) -> str:
+        """Return the key of a request, 32 hexadecimal digits, or the 20 of mesh and operator."""
         options = json.dumps(asdict(operator), sort_keys=True)
-        text = f"{FORMAT}|{mesh.n_vertices}|{mesh.content_hash}|{options}"
-        return hashlib.sha256(text.encode()).hexdigest()[:32]
+        problem = f"{FORMAT}|{mesh.n_vertices}|{mesh.content_hash}|{options}"
+        asked = "" if target is None else _hash(f"{target.kind}|{target.value!r}")[:12]
+        return _hash(problem)[:20] + asked
+
+    @classmethod
+    def targets(cls, mesh: Mesh, operator: OperatorOptions) -> list[Target]:
+        """Return what was asked for on a mesh and operator in the user's cache, last use first."""
+        key, found = cls.key(mesh, operator), []
+        for folder in reversed(EigenpairCache().stores()):
+            if folder.name.startswith(key):
+                with contextlib.suppress(*_UNUSABLE):  # removed meanwhile, or another version
+                    found.append(Target(**json.loads((folder / PROBLEM).read_bytes())["target"]))
+        return found
 
     # Reading, by any process -----------------------------------------------------------------
 
-    def covers(self, request: Request) -> int | None:
-        """Return the number of leading pairs that answer a request; None if some are missing.
-
-        Checksums of rows are not compared.
-        """
+    @property
+    def is_complete(self) -> bool:
+        """Whether all pairs of the request are stored; checksums of rows are not compared."""
         self._read()
-        found = self._published
-        n_proven = found.n_proven
-        is_exhausted = 0 < np.count_nonzero(found.mass > 0) <= n_proven
-        if request.n_components is not None:
-            if request.n_components <= n_proven:
-                return request.n_components
-            return n_proven if is_exhausted else None
-        bound = request.max_eigenvalue
-        assert bound is not None
-        limit = bound * (1 + _THRESHOLD_MARGIN)
-        count = int(np.searchsorted(found.eigenvalues[:n_proven], limit, side="right"))
-        is_below = 0.0 < bound <= found.known_to
-        return count if count < n_proven or is_below or is_exhausted else None
+        return self._published.is_complete
 
     def load(
         self, count: int | None = None, cancel: CancelCallback | None = None
     ) -> Eigenpairs | None:
-        """Return the pairs before the first damaged row, at most `count`; None if there are none.
+        """Return the stored pairs, at most `count`; None if there are none.
 
+        If a row is damaged, the pairs of the batches before it are returned, without certificate.
         Checksums of 300 pairs of a million vertices take two seconds. `cancel` is called before
         each row; if it returns True, `Cancelled` is raised.
         """
@@ -149,26 +157,29 @@ class EigenpairStore:
         intact = self._intact(wanted, cancel)
         if intact < wanted:
             self._leave_out(intact, stored)
+        found = self._published
+        wanted = min(wanted, len(found))
         try:
-            rows = self.map(intact) if intact else None
+            rows = self.map(wanted) if wanted else None
         except (OSError, ValueError):  # the file was just removed
             rows = None
         if rows is None:
             return None
         self._cache.touch(self.folder)
-        found = self._published
-        is_proven = intact <= found.n_proven
-        return Eigenpairs(
-            found.eigenvalues[:intact],
+        defect, certificate = float(found.defects[-1]), found.certificate
+        pairs = Eigenpairs(
+            found.eigenvalues,
             rows,
-            found.residuals[:intact],
-            certificate=found.certificate if is_proven else Certificate("none"),
-            timings=found.timings if is_proven else {},
-            mass=found.mass,
-            total=intact,
-            known_to=found.known_to if intact == found.n_proven else 0.0,
+            found.residuals,
+            certificate if found.is_complete else Certificate("none", orthonormality=defect),
+            found.timings,
+            found.mass,
+            total=len(found) if found.is_complete else self.target.n_components or 0,
+            target=self.target,
+            known_to=found.known_to,
             operator=self._operator,
         )
+        return pairs if wanted == len(found) else pairs.first(wanted)
 
     def _read(self) -> None:
         """Read the published data, without the eigenvectors."""
@@ -188,8 +199,9 @@ class EigenpairStore:
                 self._leave_out(there, len(found))
 
     def _leave_out(self, start: int, stop: int) -> None:
+        """Leave out the batch of the pair `start`, and later ones."""
         self._published = self._published.first(start)
-        self.damage = self.damage or f"eigenpairs {start} to {stop - 1}"
+        self.damage = self.damage or f"eigenpairs {len(self._published)} to {stop - 1}"
 
     def _intact(self, count: int, cancel: CancelCallback | None) -> int:
         """Return the number of rows, up to `count`, before the first damaged one."""
@@ -279,6 +291,7 @@ class EigenpairStore:
         is raised if the disk is full, or the folder was removed; the rows stay mapped.
         """
         start, stop, k = len(self._published), len(pairs.eigenvalues), pairs.total
+        defect = pairs.certificate.orthonormality
         if self._rows is None:
             self.allocate(max(k, stop))
             start = 0
@@ -298,12 +311,13 @@ class EigenpairStore:
                     eigenvalues=pairs.eigenvalues,
                     residuals=pairs.residuals,
                     checksums=np.append(published.checksums, np.array(checksums, dtype=np.uint32)),
+                    stops=np.append(published.stops, stop),
+                    defects=np.append(published.defects, defect),
                     mass=np.asarray(pairs.mass, dtype=np.float64),
                 )
             if is_proven:
                 published = replace(
                     published,
-                    n_proven=stop,
                     certificate=pairs.certificate,
                     timings={name: float(value) for name, value in pairs.timings.items()},
                     known_to=pairs.known_to,

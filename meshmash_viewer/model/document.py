@@ -39,6 +39,7 @@ from meshmash_viewer.model.selection import Hiding, Selection, followed_mask
 from meshmash_viewer.model.solve import DEFAULT_TARGET, Solve
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import Voxel, counted
 
@@ -157,18 +158,20 @@ class Document(OpenMesh):
         maps: Sequence[Path] = (),
         repairs: Sequence[str] = (),
         source: str = "",
+        target: Target | None = None,
     ) -> None:
         """Request to read a mesh file; the open mesh stays until the file has been read.
 
         `operator` is the Laplacian whose stored eigenpairs are looked up, by default the current
         operator; `maps` are files of maps to add (`Maps.open`). `repairs` are applied in this
-        order; `source` is the hash of the content for which they were made, see `ReadJob`.
+        order; `source` is the hash of the content for which they were made, see `ReadJob`. `target`
+        is the part of the spectrum to show if it is stored; else the stored one used last is shown.
         """
         path = Path(path).absolute()  # for notices and scripts
         self._maps_of = (path, tuple(maps)) if maps else None
         self.following = tuple(maps)
         operator = operator or self.solve.operator
-        self.work.request(ReadJob(path, unit, operator, tuple(repairs), source))
+        self.work.request(ReadJob(path, unit, operator, tuple(repairs), source, target))
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Request to show a mesh in memory."""
@@ -201,7 +204,10 @@ class Document(OpenMesh):
         if self.ready is not None:
             ready, operator = self._settled(), self.solve.operator
             self._computes_after = self.ready if then_compute else None
-            self.work.request(RepairJob(ready.mesh, name, ready.path, operator, ready.repairs))
+            job = RepairJob(
+                ready.mesh, name, ready.path, operator, ready.repairs, self.solve.target
+            )
+            self.work.request(job)
 
     def take_part(self, mask: npt.NDArray[np.bool_] | None, *, then_compute: bool = False) -> None:
         """Request the eigenpairs on a mask of vertices, shape (n,), or on the whole mesh (None).
@@ -211,7 +217,8 @@ class Document(OpenMesh):
         """
         if self.ready is not None:
             self._computes_part, self._records_part = then_compute, not self.history.is_paused
-            self.work.request(PartJob(self._settled().mesh, mask, self.solve.operator))
+            solve = self.solve
+            self.work.request(PartJob(self._settled().mesh, mask, solve.operator, solve.target))
 
     def accept_part(self, result: PartReady) -> None:
         """Show the stored eigenpairs of a part or of the whole mesh."""
@@ -223,6 +230,7 @@ class Document(OpenMesh):
             ready = replace(self._settled(), part=result.part)
             # a session is restored with its own parameters
             self._take_part(ready, result.known, resets=self._records_part)
+            self._restore_target(result.known)
 
     def _take_part(
         self, ready: MeshReady, spectrum: Eigenpairs | None, *, resets: bool = True
@@ -243,7 +251,8 @@ class Document(OpenMesh):
         return shown.ready
 
     def _scaling(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> ScaleJob:
-        return ScaleJob(mesh, voxel, unit, self.path, self.solve.operator, repairs)
+        solve = self.solve
+        return ScaleJob(mesh, voxel, unit, self.path, solve.operator, repairs, solve.target)
 
     # -- history ----------------------------------------------------------------------------
 
@@ -351,9 +360,15 @@ class Document(OpenMesh):
             if ready.unasked:
                 text = f"Repaired as before: {listed_repairs(ready.repairs)}."
                 self._offer_undo(text)
+        self._restore_target(ready.known)
         if self._maps_of is not None and self._maps_of[0] == ready.path:
             (_, files), self._maps_of = self._maps_of, None
             self.maps.open(files)
+
+    def _restore_target(self, stored: Eigenpairs | None) -> None:
+        """Set the target to what was asked for the stored pairs of a mesh."""
+        if stored is not None:
+            self.solve.target = self.solve.stated(stored)
 
     def _accept_derived(self, ready: MeshReady, before: Mesh) -> None:
         """Show the open mesh after a repair, its undo, or a change of the voxel size."""
@@ -452,8 +467,18 @@ class Document(OpenMesh):
         self.spectrum_changed.emit()
 
     def accept_spectrum(self, spectrum: Eigenpairs) -> None:
-        """Show a longer spectrum or a preview; preview pairs beyond the exact pairs are kept."""
+        """Show a longer spectrum or a preview; preview pairs beyond the exact pairs are kept.
+
+        The first pairs of another request do not replace more pairs, until they are complete.
+        """
         known = self.spectrum
+        if (
+            known is not None
+            and not (spectrum.complete or spectrum.preview)
+            and known.operator == spectrum.operator
+            and len(spectrum) < len(known.exact)
+        ):
+            return
         if known is not None and not len(spectrum.mass) and known.operator == spectrum.operator:
             spectrum = replace(spectrum, mass=known.mass)  # sent only with the first pairs
         if spectrum.preview and not spectrum.n_exact:

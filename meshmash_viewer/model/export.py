@@ -62,7 +62,7 @@ class ExportJob:
     family: Family | None
     #: Number of leading eigenpairs to use.
     n_pairs: int
-    #: The target for which the pairs were computed.
+    #: What was asked for when the pairs were computed, by default as many as are used.
     target: Target | None = None
     repairs: tuple[str, ...] = ()
     #: Whether the maps of the mesh are added as columns.
@@ -87,7 +87,7 @@ class ExportJob:
         if self.family is None:
             return self._write(maps_alone(self.mesh), None, "", "maps")
         if self.family.of_pairs:
-            pairs = stored_pairs(solved, self.operator, self.n_pairs, channel)
+            pairs = stored_pairs(solved, self.operator, self.target, self.n_pairs, channel)
             named = pairs.on_mask(self._mask)
             proof, known_to = named.proof(self.mesh.unit), pairs.known_to or None
         results: Features | Eigenpairs | None = pairs
@@ -117,10 +117,13 @@ class ExportJob:
             columns, missing = counted(len(results.columns), "column"), results.missing
             label = "Maps" if self.family is None else self.family.label
             description = f"{label}, {columns},"
+        target = self.target or Target("count", self.n_pairs)
+        if pairs is not None and pairs.target is not None and pairs.target.kind == "count":
+            target = pairs.target  # which may be fewer
         meta = export_options(
             kind,
             self.operator,
-            self.target or Target("count", self.n_pairs),
+            target,
             proof,
             self.repairs,
             whole_mesh=self.file_mesh is not None,
@@ -145,8 +148,10 @@ def maps_alone(mesh: Mesh) -> Features:
     return Features(np.empty((mesh.n_vertices, 0)), (), kind="maps").with_maps(mesh)
 
 
-def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Channel) -> Eigenpairs:
-    """Return the leading eigenpairs of a mesh from the store.
+def stored_pairs(
+    mesh: Mesh, operator: OperatorOptions, target: Target | None, count: int, channel: Channel
+) -> Eigenpairs:
+    """Return the leading `count` of the stored eigenpairs of a target, by default of this count.
 
     `InputError` is raised if they are missing or damaged.
     """
@@ -154,8 +159,9 @@ def stored_pairs(mesh: Mesh, operator: OperatorOptions, count: int, channel: Cha
     from meshmash_viewer.model.decomposition import SPARE
 
     channel.report(Progress("reading", message="Reading eigenpairs"))
+    target, spare = target or Target("count", count), channel.folder / SPARE
     pairs, damage = find_eigenpairs(
-        mesh, operator, channel.folder / SPARE, count=count, cancel=channel.cancelled
+        mesh, operator, target, spare, count=count, cancel=channel.cancelled
     )
     if pairs is not None and len(pairs) == count:
         return pairs
@@ -180,6 +186,8 @@ class PinExportJob:
     n_pairs: int
     #: The part of the mesh that was decomposed; None for the whole.
     part: Mesh | None = None
+    #: What was asked for when the pairs were computed, by default as many as are used.
+    target: Target | None = None
 
     @property
     def label(self) -> str:
@@ -210,7 +218,8 @@ class PinExportJob:
                 at = np.nan_to_num(each.shown[vertices], nan=-1.0).astype(int)
                 columns[f"{each.name} name"] = [names[place] for place in at]
         if any(family.of_pairs for family in self.families):
-            pairs = stored_pairs(self.part or mesh, self.operator, self.n_pairs, channel)
+            solved = self.part or mesh
+            pairs = stored_pairs(solved, self.operator, self.target, self.n_pairs, channel)
         for family in self.families:
             channel.report(Progress("features", message=f"Computing {family.label}"))
             known_to = {} if pairs is None else {"known_to": pairs.known_to or None}

@@ -40,7 +40,8 @@ class ReadJob:
 
     `unit` is a text for `quantities.parse_unit`; empty for the unit stated in the file. `repairs`
     are applied in this order. If `source`, the hash of the mesh for which they were made, differs
-    from the hash of the mesh in the file, they are left out, and a remark reports it.
+    from the hash of the mesh in the file, they are left out, and a remark reports it. `target` is
+    the part of the spectrum to look up, see `last_eigenpairs`.
     """
 
     path: Path
@@ -48,6 +49,7 @@ class ReadJob:
     operator: OperatorOptions = field(default_factory=OperatorOptions)
     repairs: tuple[str, ...] = ()
     source: str = ""
+    target: Target | None = None
 
     @property
     def label(self) -> str:
@@ -70,7 +72,7 @@ class ReadJob:
             )
         *before, mesh = series
         ready = replace(
-            _inspect(mesh, self.operator, channel, path=self.path),
+            _inspect(mesh, self.operator, self.target, channel, path=self.path),
             repairs=self.repairs[: len(before)],
             before=tuple(before),
             source=source,
@@ -96,11 +98,12 @@ class InspectJob(MeshJob):
     """Job that inspects a mesh passed in memory; returns `MeshReady`."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
+    target: Target | None = None
 
     doing: ClassVar[str] = "Inspecting"
 
     def run(self, channel: Channel) -> MeshReady:
-        return _inspect(self.mesh, self.operator, channel)
+        return _inspect(self.mesh, self.operator, self.target, channel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +136,13 @@ class ScaleJob(MeshJob):
     path: Path | None = None
     operator: OperatorOptions = field(default_factory=OperatorOptions)
     repairs: tuple[str, ...] = ()
+    target: Target | None = None
 
     doing: ClassVar[str] = "Scaling"
 
     def run(self, channel: Channel) -> MeshReady:
         scaled = self.mesh.in_voxels(self.voxel, self.unit)
-        ready = _inspect(scaled, self.operator, channel, path=self.path)
+        ready = _inspect(scaled, self.operator, self.target, channel, path=self.path)
         return replace(ready, repairs=self.repairs, derived=True)
 
 
@@ -150,6 +154,7 @@ class RepairJob(MeshJob):
     path: Path | None = None
     operator: OperatorOptions = field(default_factory=OperatorOptions)
     earlier: tuple[str, ...] = ()
+    target: Target | None = None
 
     doing: ClassVar[str] = "Repairing"
 
@@ -158,7 +163,7 @@ class RepairJob(MeshJob):
         channel.report(Progress("repairing", message=repair.label))
         with heard_warnings() as heard:
             mesh = repair.apply(self.mesh)
-        ready = _inspect(mesh, self.operator, channel, path=self.path)
+        ready = _inspect(mesh, self.operator, self.target, channel, path=self.path)
         remark = " ".join(filter(None, [*heard, ready.remark]))
         return replace(ready, repairs=(*self.earlier, self.repair), derived=True, remark=remark)
 
@@ -170,15 +175,16 @@ class PartJob(MeshJob):
     #: Shape (n,); None for the whole mesh.
     mask: npt.NDArray[np.bool_] | None = None
     operator: OperatorOptions = field(default_factory=OperatorOptions)
+    target: Target | None = None
 
     doing: ClassVar[str] = "Taking a part of"
 
     def run(self, channel: Channel) -> PartReady:
         if self.mask is None:
             channel.report(Progress("checking", message="Checking the stored eigenpairs"))
-            known, remark = _stored(self.mesh, self.operator, channel)
+            known, remark = _stored(self.mesh, self.operator, self.target, channel)
             return PartReady(None, known, remark)
-        part = _inspect(self.mesh.masked(self.mask), self.operator, channel)
+        part = _inspect(self.mesh.masked(self.mask), self.operator, self.target, channel)
         return PartReady(part, part.known, part.remark)
 
 
@@ -262,7 +268,12 @@ def _repaired(mesh: Mesh, names: Sequence[str]) -> tuple[list[Mesh], str]:
 
 
 def _inspect(
-    mesh: Mesh, operator: OperatorOptions, channel: Channel, *, path: Path | None = None
+    mesh: Mesh,
+    operator: OperatorOptions,
+    target: Target | None,
+    channel: Channel,
+    *,
+    path: Path | None = None,
 ) -> MeshReady:
     """Measure the health of a mesh, and look up its stored eigenpairs in a second thread.
 
@@ -270,7 +281,7 @@ def _inspect(
     the health several seconds.
     """
     with ThreadPoolExecutor(1) as thread:
-        stored = thread.submit(_stored, mesh, operator, channel)
+        stored = thread.submit(_stored, mesh, operator, target, channel)
         channel.report(Progress("inspecting", message="Looking for faults of the mesh"))
         health = mesh_health(mesh)
         channel.report(Progress("preparing", message="Preparing the render"))
@@ -291,11 +302,11 @@ def _inspect(
 
 
 def _stored(
-    mesh: Mesh, operator: OperatorOptions, channel: Channel
+    mesh: Mesh, operator: OperatorOptions, target: Target | None, channel: Channel
 ) -> tuple[Eigenpairs | None, str]:
-    from meshmash_viewer.io.spectrum import find_eigenpairs
+    from meshmash_viewer.io.spectrum import last_eigenpairs
 
-    return find_eigenpairs(mesh, operator, cancel=channel.cancelled)
+    return last_eigenpairs(mesh, operator, target, channel.cancelled)
 
 
 class Work:

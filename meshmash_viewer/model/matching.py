@@ -204,7 +204,11 @@ class MatchedDocuments:
         )
         solve, repairs = self.first.solve, self.first.repairs
         options = export_options(
-            "match", pairs[0].operator or solve.operator, solve.target, "; ".join(proofs), repairs
+            "match",
+            pairs[0].operator or solve.operator,
+            solve.stated(pairs[0]),
+            "; ".join(proofs),
+            repairs,
         )
         if self.second.repairs:
             options["second_repairs"] = list(self.second.repairs)

@@ -15,6 +15,7 @@ from meshmash_viewer.model.field import FieldRequest, request_of
 from meshmash_viewer.model.matching import MATCHED_IN
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.selection import mask_in_file
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 class Exported(NamedTuple):
@@ -46,7 +47,7 @@ def reproduction_script(
             rest += _comparison(pair, request)
         lines += _in_no_file(document, rest)
         if any("decomposition" in line for line in rest):
-            lines += _decomposition(document, len(request.spectrum))
+            lines += _decomposition(document, request.spectrum)
     lines += rest
     imports = []
     if any("folder /" in line for line in lines):
@@ -156,7 +157,7 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
     return [
         *_reading(pair.second, "other"),
         f"other_laplacian, other_mass = mv.cotangent_laplacian(other, {_operator(pair.second)})",
-        f"other_decomposition = mv.solve(other_laplacian, other_mass, {len(second)})",
+        f"other_decomposition = mv.solve(other_laplacian, other_mass, {_asked(second)})",
         f"bank = {bank}",
         "vertices = mv.corresponding_vertices(mesh, other)",
         "comparison = mv.compare_shapes("
@@ -165,7 +166,15 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
     ]
 
 
-def _decomposition(document: Document, n_pairs: int) -> list[str]:
+def _asked(spectrum: Eigenpairs) -> str:
+    """Return the argument of `solve` that asks for a spectrum."""
+    target = spectrum.target
+    if target is None or target.kind == "count" or not spectrum.complete:
+        return str(len(spectrum))
+    return f"max_eigenvalue={target.value!r}"
+
+
+def _decomposition(document: Document, spectrum: Eigenpairs) -> list[str]:
     lines, of, part, mesh = list[str](), "mesh", document.part_mesh, document.mesh
     if part is not None and mesh is not None:
         of, packed = "part", packed_mask(mask_in_file(mesh, part.referenced))
@@ -177,7 +186,7 @@ def _decomposition(document: Document, n_pairs: int) -> list[str]:
     return [
         *lines,
         f"laplacian, mass = mv.cotangent_laplacian({of}, {_operator(document)})",
-        f"decomposition = mv.solve(laplacian, mass, {n_pairs})",
+        f"decomposition = mv.solve(laplacian, mass, {_asked(spectrum)})",
         "print(decomposition.proof(mesh.unit))",
     ]
 

@@ -8,12 +8,13 @@ from typing import ClassVar
 
 from psygnal import SignalGroupDescriptor
 
-from meshmash_viewer.features.truncation import sufficient_target
+from meshmash_viewer.features.truncation import asked_target
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.classes import ClassesJob
 from meshmash_viewer.model.jobs import DecomposeJob, JobState, PreviewJob, Work
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.work import Job
 
@@ -39,6 +40,11 @@ class Solve:
     def __post_init__(self) -> None:
         self._work.finished.connect(self._measure)
 
+    def stated(self, spectrum: Eigenpairs) -> Target:
+        """Return what was asked for a spectrum, if possible as the user states it."""
+        asked = spectrum.target or Target("count", max(len(spectrum), 1))
+        return self.target if asked == self.asked else asked
+
     def translation(self) -> Translation:
         """Return the conversion of targets for the open mesh, or for unit area without a mesh."""
         opened = self._opened
@@ -55,12 +61,21 @@ class Solve:
 
     @property
     def is_computed(self) -> bool:
-        """Whether all pairs of the target are computed and certified."""
-        spectrum, translation = self._opened.spectrum, self.translation()
-        if spectrum is None or not spectrum.complete:
-            return False
-        wanted, exact = translation.count(self.target)
-        return exact and wanted <= len(translation.eigenvalues)
+        """Whether the pairs of the target, no more and no less, are computed and certified."""
+        spectrum = self._opened.spectrum
+        return (
+            spectrum is not None
+            and spectrum.complete
+            and spectrum.operator == self.operator
+            and spectrum.target == self.asked
+        )
+
+    @property
+    def asked(self) -> Target:
+        """The target as `Eigenpairs.target` states it."""
+        solved = self._opened.solved
+        area = 0.0 if solved is None else solved.health.area
+        return asked_target(self.target, area, self.n_vertices)
 
     @property
     def can_compute(self) -> bool:
@@ -80,12 +95,7 @@ class Solve:
         """Request the decomposition of the open mesh."""
         solved = self._opened.solved
         if solved is not None:
-            target = self.target
-            if target.kind == "time":
-                # the target may require more pairs than the mesh has
-                n_vertices = int(self.translation().n_vertices)
-                target = sufficient_target(target.value, solved.health.area, n_vertices)
-            self._work.request(DecomposeJob(solved.mesh, self.operator, target))
+            self._work.request(DecomposeJob(solved.mesh, self.operator, self.asked))
 
     def expected_seconds(self, target: Target) -> float:
         """Estimate the seconds that a decomposition of the open mesh takes."""

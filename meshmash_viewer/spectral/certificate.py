@@ -7,7 +7,7 @@ dense matrix.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +23,8 @@ Method = Literal["inertia", "dense", "null space", "none"]
 
 #: Largest residual and orthonormality defect of proven pairs.
 _TOLERANCES = {"float64": (1e-6, 1e-8), "float32": (1e-3, 1e-4)}
+#: Relative gap above which neighbouring eigenvalues are not copies of one eigenvalue.
+_COPIES = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +78,23 @@ class Certificate:
     def complete(self) -> bool:
         """Whether as many pairs were found as counted, with errors within tolerance."""
         return not self.lacks
+
+    def of_first(self, count: int, values: FloatArray, residuals: FloatArray) -> Certificate:
+        """Return the certificate of the lowest `count` of all pairs, which have `values`.
+
+        If none is missing, the pairs below a gap are as many as the eigenvalues below it. The
+        orthonormality remains that of all pairs, an upper bound.
+        """
+        worst = int(np.argmax(residuals[:count])) if count else 0
+        first = replace(self, residual=float(residuals[:count].max(initial=0.0)))
+        first = replace(first, residual_index=worst)
+        gaps = np.diff(values)[max(count - 1, 0) :]
+        wide = np.flatnonzero(gaps > _COPIES * np.abs(values[max(count, 1) :]))
+        if self.method != "inertia" or self.low is not None or not self.complete or not len(wide):
+            return first
+        last = max(count, 1) + int(wide[0])
+        bound = 0.5 * float(values[last - 1] + values[last])
+        return replace(first, counted=last, found=last, bound=bound)
 
     def count_sentence(self, unit: str = "") -> str:
         """Describe how many eigenvalues were counted and how; lengths are in `unit`."""

@@ -16,6 +16,7 @@ from meshmash_viewer.features.filter_responses import count_zeros, hks_time_rang
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, multiplets
 from meshmash_viewer.spectral.certificate import Certificate, verify_pairs
+from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_quantity, named_vertex
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ class Eigenpairs:
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
     #: Number of pairs requested; 0 while unknown.
     total: int = 0
+    #: What was asked for, as a count or the largest eigenvalue; None if unknown.
+    target: Target | None = None
     #: Eigenvalue up to which the pairs are complete; 0 if no threshold was requested.
     known_to: float = 0.0
     #: Number of leading pairs that are exact, not approximations; None for all of them.
@@ -152,13 +155,17 @@ class Eigenpairs:
     # -- parts ------------------------------------------------------------------------------------
 
     def first(self, count: int) -> Eigenpairs:
-        """Return the lowest `count` pairs."""
+        """Return the lowest `count` pairs, with their certificate."""
+        whole, values = count == len(self.eigenvalues), self.eigenvalues
+        certificate = self.certificate.of_first(count, values, self.residuals)
         return replace(
             self,
-            eigenvalues=self.eigenvalues[:count],
+            eigenvalues=values[:count],
             residuals=self.residuals[:count],
+            certificate=self.certificate if whole else certificate,
             total=count,
-            known_to=self.known_to if count == len(self.eigenvalues) else 0.0,
+            target=self.target if whole else Target("count", max(count, 1)),
+            known_to=self.known_to if whole else 0.0,
             n_exact=None if self.n_exact is None else min(self.n_exact, count),
         )
 
@@ -176,7 +183,8 @@ class Eigenpairs:
         """The exact pairs; all pairs if none is an approximation."""
         if self.n_exact is None:
             return self
-        return replace(self.first(self.n_exact), total=self.total, n_exact=None)
+        values, residuals = self.eigenvalues[: self.n_exact], self.residuals[: self.n_exact]
+        return replace(self, eigenvalues=values, residuals=residuals, n_exact=None)
 
     def before(self, preview: Eigenpairs) -> Eigenpairs:
         """Append the pairs of a preview from the next index on."""

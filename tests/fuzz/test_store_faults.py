@@ -30,4 +30,4 @@ def test_what_a_fault_touched_is_computed_again() -> None:
     for kind in kinds:
         fault = mutator.inflict(str(kind))
         examine(mutator.truth, fault)
-        mutator.truth = mend(mutator.truth, fault)
+        mend(mutator.truth, fault)

@@ -24,7 +24,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import decomposition as previews
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.engine.request import Request
+from meshmash_viewer.spectral.weyl import Target
 
 FOREVER = 10**9
 
@@ -194,7 +194,7 @@ def test_a_store_is_known_by_handles_alone(
         return os.stat_result((*status[:2], status.st_dev + 1, *status[3:]))
 
     monkeypatch.setattr(os, "stat", other_device)
-    with EigenpairStore(sphere, OperatorOptions(), tmp_path) as store:
+    with EigenpairStore(sphere, OperatorOptions(), Target("count", 12), tmp_path) as store:
         pairs = solve(
             *cotangent_laplacian(sphere, robust=True),
             12,
@@ -202,8 +202,8 @@ def test_a_store_is_known_by_handles_alone(
             on_pairs=store.append,
         )
         store.append(pairs)
-    assert EigenpairStore(sphere, OperatorOptions(), tmp_path).covers(Request(12)) == 12
-    store = EigenpairStore(sphere, OperatorOptions(), tmp_path)
+    store = EigenpairStore(sphere, OperatorOptions(), Target("count", 12), tmp_path)
+    assert store.is_complete
     store.allocate(20)
     (store.folder / "eigenvectors.f64").rename(tmp_path / "elsewhere")
     (store.folder / "eigenvectors.f64").write_bytes(bytes(8 * 20 * 642))

@@ -25,12 +25,16 @@ from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine.request import Request
+from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
 
 
+TARGET = Target("count", 10)
+
+
 def open_store(mesh: Mesh, root: Path, **options: Any) -> EigenpairStore:
-    return EigenpairStore(mesh, OPERATOR, root, **options)
+    return EigenpairStore(mesh, OPERATOR, TARGET, root, **options)
 
 
 def synthetic(n: int, k: int, seed: int = 0) -> Eigenpairs:
@@ -49,12 +53,6 @@ def loaded(mesh: Mesh, root: Path) -> Eigenpairs:
     found = open_store(mesh, root).load()
     assert found is not None
     return found
-
-
-def n_proven(mesh: Mesh, root: Path) -> int:
-    counts = range(1, mesh.n_vertices + 1)
-    store = open_store(mesh, root)
-    return next((k - 1 for k in counts if store.covers(Request(k)) is None), mesh.n_vertices)
 
 
 def fill(store: EigenpairStore, whole: Eigenpairs, stop: int) -> None:
@@ -77,17 +75,19 @@ def whole(sphere: Mesh) -> Eigenpairs:
     return synthetic(sphere.n_vertices, 10)
 
 
-def test_key_tells_meshes_and_operators_apart(sphere: Mesh) -> None:
+def test_key_tells_meshes_operators_and_targets_apart(sphere: Mesh) -> None:
     moved = Mesh(sphere.vertices + 1.0, sphere.faces)
     keys = {
-        EigenpairStore.key(sphere, OPERATOR),
-        EigenpairStore.key(moved, OPERATOR),
-        EigenpairStore.key(sphere, OperatorOptions(robust=False)),
-        EigenpairStore.key(sphere, OperatorOptions(mollify_factor=1e-4)),
+        EigenpairStore.key(sphere, OPERATOR, TARGET),
+        EigenpairStore.key(moved, OPERATOR, TARGET),
+        EigenpairStore.key(sphere, OperatorOptions(robust=False), TARGET),
+        EigenpairStore.key(sphere, OperatorOptions(mollify_factor=1e-4), TARGET),
+        EigenpairStore.key(sphere, OPERATOR, Target("count", 11)),
+        EigenpairStore.key(sphere, OPERATOR, Target("max_eigenvalue", 10)),
     }
-    assert len(keys) == 4
+    assert len(keys) == 6
     renamed = Mesh(sphere.vertices, sphere.faces, unit="nm", name="other")
-    assert EigenpairStore.key(renamed, OPERATOR) == EigenpairStore.key(sphere, OPERATOR)
+    assert EigenpairStore.key(renamed, OPERATOR, TARGET) in keys
 
 
 def test_nothing_is_written_before_there_is_something(sphere: Mesh, tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_solved_into_the_store_and_found_again(sphere: Mesh, tmp_path: Path) -> 
     with open_store(sphere, tmp_path) as store:
         solved = solve(stiffness, mass, 12, allocate=store.allocate, on_pairs=store.append)
         store.append(solved)
-    assert n_proven(sphere, tmp_path) == 12
+    assert open_store(sphere, tmp_path).is_complete
     again = open_store(sphere, tmp_path).load(12)
     assert again is not None
     np.testing.assert_array_equal(again.rows, solved.rows)
@@ -130,46 +130,29 @@ def test_pairs_are_published_as_they_come(sphere: Mesh, tmp_path: Path, whole: E
         fill(store, whole, 8)
         assert len(loaded(sphere, tmp_path)) == 8
         np.testing.assert_array_equal(first.rows, whole.rows[:4])
-    # Closed without a certificate: the converged pairs are kept, but answer no request.
-    assert len(loaded(sphere, tmp_path)) == 8
-    assert open_store(sphere, tmp_path).covers(Request(2)) is None
-    assert not loaded(sphere, tmp_path).complete
+    # Closed without a certificate: the converged pairs are kept, but do not answer the request.
+    part = loaded(sphere, tmp_path)
+    assert (len(part), part.total, part.target, part.complete) == (8, 10, TARGET, False)
+    assert not open_store(sphere, tmp_path).is_complete
 
 
-def test_asking_for_fewer_is_a_slice_and_for_more_is_more(
+def test_fewer_pairs_have_a_certificate_of_their_own(
     sphere: Mesh, tmp_path: Path, whole: Eigenpairs
 ) -> None:
     with open_store(sphere, tmp_path) as store:
         finish(store, whole, known_to=9.5)
-    covers = open_store(sphere, tmp_path).covers
-    assert covers(Request(3)) == 3
-    assert covers(Request(10)) == 10
-    assert covers(Request(11)) is None
-    assert covers(Request(max_eigenvalue=5.0)) == 6  # the threshold is included
-    assert covers(Request(max_eigenvalue=5.5)) == 6
-    assert covers(Request(max_eigenvalue=9.2)) == 10
-    assert covers(Request(max_eigenvalue=9.6)) is None
     few = open_store(sphere, tmp_path).load(3)
     assert few is not None
     assert few.complete
-    assert (len(few), few.known_to, few.certificate.counted) == (3, 0.0, 10)
+    assert (len(few), few.known_to, few.certificate.counted) == (3, 0.0, 3)
     assert loaded(sphere, tmp_path).known_to == 9.5
 
 
-def test_the_whole_spectrum_answers_everything(sphere: Mesh, tmp_path: Path) -> None:
-    n = sphere.n_vertices
-    with open_store(sphere, tmp_path) as store:
-        finish(store, synthetic(n, n))
-    covers = open_store(sphere, tmp_path).covers
-    assert covers(Request(10 * n)) == n
-    assert covers(Request(max_eigenvalue=1e9)) == n
-
-
-def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Path) -> None:
+def test_growing_keeps_what_is_published_and_maps_of_it(sphere: Mesh, tmp_path: Path) -> None:
     few, many = synthetic(sphere.n_vertices, 10), synthetic(sphere.n_vertices, 1200)
     np.testing.assert_array_equal(few.rows, many.rows[:10])
     with open_store(sphere, tmp_path) as store:
-        finish(store, few)
+        fill(store, many, 10)
     before = loaded(sphere, tmp_path)
     with open_store(sphere, tmp_path) as store:
         assert store.load() is not None
@@ -180,11 +163,10 @@ def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Pat
         store.append(begun.first(10))  # published a second time
         store.append(begun.first(20))
         assert len(loaded(sphere, tmp_path)) == 20
-        assert n_proven(sphere, tmp_path) == 10
     with open_store(sphere, tmp_path) as store:
         finish(store, many)
     assert len(loaded(sphere, tmp_path)) == 1200
-    assert open_store(sphere, tmp_path).covers(Request(1200)) == 1200
+    assert open_store(sphere, tmp_path).is_complete
     np.testing.assert_array_equal(before.rows, few.rows)  # the old memory map stays valid
 
 
@@ -197,24 +179,25 @@ def flip_bit(path: Path, place: int = -100) -> None:
 def test_a_store_is_served_as_far_as_it_is_whole(sphere: Mesh, tmp_path: Path) -> None:
     whole = synthetic(sphere.n_vertices, 12)
     with open_store(sphere, tmp_path) as store:
+        for stop in (1, 4, 9):
+            fill(store, whole, stop)
         finish(store, whole)
     flip_bit(store.folder / "eigenvectors.f64", 8 * 5 * sphere.n_vertices + 5)
     found = open_store(sphere, tmp_path)
-    assert found.covers(Request(12)) == 12
     few = found.load(5)
     assert few is not None
     assert (len(few), few.complete, found.damage) == (5, True, "")
-    part = found.load()
+    part = found.load()  # in whole batches
     assert part is not None
-    assert (len(part), part.complete, found.damage) == (5, True, "eigenpairs 5 to 11")
+    assert (len(part), part.complete, found.damage) == (4, False, "eigenpairs 4 to 11")
     with found:
-        rows = found.allocate(12, n_kept=5)
-        assert n_proven(sphere, tmp_path) == 5  # rows 5 to 11 are not published
-        rows[5:] = whole.rows[5:]
-        found.append(whole.first(8))
-        assert n_proven(sphere, tmp_path) == 8
+        rows = found.allocate(12, n_kept=4)
+        assert len(loaded(sphere, tmp_path)) == 4  # the other rows are not published
+        rows[4:] = whole.rows[4:]
+        found.append(replace(whole.first(8), certificate=Certificate("none")))
+        assert len(loaded(sphere, tmp_path)) == 8
         found.append(whole)
-    assert n_proven(sphere, tmp_path) == 12
+    assert open_store(sphere, tmp_path).is_complete
     np.testing.assert_array_equal(loaded(sphere, tmp_path).rows, whole.rows)
     with pytest.raises(Cancelled):
         open_store(sphere, tmp_path).load(cancel=lambda: True)
@@ -227,6 +210,7 @@ def test_damage_is_named_and_nothing_damaged_is_used(
     other = Mesh(sphere.vertices + 1.0, sphere.faces)
     for mesh, pairs in ((sphere, whole), (other, synthetic(sphere.n_vertices, 10, seed=1))):
         with open_store(mesh, tmp_path) as store:
+            fill(store, pairs, 9)
             finish(store, pairs)
     path = open_store(sphere, tmp_path).folder / name
     content = path.read_bytes()
@@ -290,7 +274,8 @@ def test_a_full_disk_is_said_and_takes_nothing_away(
     else:
         store.allocate(40, n_kept=10)
         store.close()
-    assert len(loaded(sphere, tmp_path)) == n_proven(sphere, tmp_path) == 10
+    assert open_store(sphere, tmp_path).is_complete
+    assert len(loaded(sphere, tmp_path)) == 10
     assert (store.folder / "eigenvectors.f64").stat().st_size == 8 * 10 * sphere.n_vertices
 
 
@@ -365,7 +350,7 @@ def test_two_processes_never_write_at_once(sphere: Mesh, tmp_path: Path, whole: 
     # A killed process leaves no lock behind.
     with store:
         finish(store, whole)
-    assert n_proven(sphere, tmp_path) == 10
+    assert open_store(sphere, tmp_path).is_complete
 
 
 def test_same_process_is_no_exception(sphere: Mesh, tmp_path: Path) -> None:

@@ -138,11 +138,12 @@ def test_what_is_there_and_whole_need_not_be_computed_again(
     document: Document, sphere: Mesh
 ) -> None:
     assert not document.solve.is_computed
-    whole = replace(spectrum_of(sphere, 9), operator=document.solve.operator)
+    operator, asked = document.solve.operator, Target("count", 9)
+    whole = replace(spectrum_of(sphere, 9), operator=operator, target=asked)
     for spectrum, count, there in (
         (approximate(whole), 9, False),
         (replace(whole, certificate=Certificate("none")), 9, False),  # not certified yet
-        (whole, 8, True),
+        (whole, 8, False),  # more than asked for
         (whole, 9, True),
         (whole, 10, False),
     ):
@@ -150,6 +151,13 @@ def test_what_is_there_and_whole_need_not_be_computed_again(
         document.solve.target = Target("count", count)
         assert document.solve.is_computed == there
         assert document.solve.can_compute != there
+    # the first pairs of another request do not replace these
+    part = replace(whole.first(4), certificate=Certificate("none"), target=Target("count", 20))
+    document.accept_spectrum(part)
+    assert document.spectrum.target == asked
+    fewer = whole.first(4)
+    document.accept_spectrum(fewer)
+    assert document.spectrum.target == Target("count", 4)
 
 
 def test_a_change_of_unit_is_said_and_can_be_taken_back(document: Document) -> None:

@@ -44,36 +44,42 @@ def listener(tmp_path: Path) -> Listener:
 
 
 def exported(
-    mesh: Mesh, kind: str, n_pairs: int, listener: Listener, **parameters: Any
+    mesh: Mesh, kind: str, n_pairs: int, asked: Target, listener: Listener, **parameters: Any
 ) -> dict[str, np.ndarray]:
-    path = listener.folder / "out.npz"
-    ExportJob(mesh, OPERATOR, path, EXPORTS[kind].exported(**parameters), n_pairs).run(listener)
+    path, family = listener.folder / "out.npz", EXPORTS[kind].exported(**parameters)
+    ExportJob(mesh, OPERATOR, path, family, n_pairs, asked).run(listener)
     with np.load(path) as content:
         return dict(content)
 
 
 def test_as_many_pairs_as_asked_for_and_never_fewer(sphere: Mesh, listener: Listener) -> None:
-    grew = decompose(sphere, OPERATOR, Target("count", 20), listener)
+    asked = Target("count", 20)
+    grew = decompose(sphere, OPERATOR, asked, listener)
     for n_pairs in (20, 9):
-        content = exported(sphere, "eigenpairs", n_pairs, listener)
+        content = exported(sphere, "eigenpairs", n_pairs, asked, listener)
+        about = json.loads(str(content["meta"]))["options"]
+        assert about["target"] == {"kind": "count", "value": n_pairs}
+        assert about["proof"].startswith(f"{n_pairs} pairs · complete")
         np.testing.assert_array_equal(content["eigenvalues"], grew.eigenvalues[:n_pairs])
         assert content["eigenvectors"].shape == (sphere.n_vertices, n_pairs)
     with pytest.raises(InputError, match="no longer in the cache"):
-        exported(sphere, "eigenpairs", 21, listener)
+        exported(sphere, "eigenpairs", 21, asked, listener)
     with pytest.raises(InputError, match="no longer in the cache"):
-        exported(Mesh(2.0 * sphere.vertices, sphere.faces), "eigenpairs", 5, listener)
+        exported(Mesh(2.0 * sphere.vertices, sphere.faces), "eigenpairs", 5, asked, listener)
 
 
 def test_pairs_of_a_cancelled_solve_make_features_too(tmp_path: Path) -> None:
     mesh = shapes.icosphere(4)
     with pytest.raises(Cancelled):
         decompose(mesh, OPERATOR, Target("count", 300), Listener(tmp_path, stop_at=50))
-    content = exported(mesh, "hks", 50, Listener(tmp_path), n_columns=4)
+    asked = Target("count", 300)
+    content = exported(mesh, "hks", 50, asked, Listener(tmp_path), n_columns=4)
     assert np.isfinite(content["features"]).all()
 
 
 def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: Listener) -> None:
-    grew = decompose(sphere, OPERATOR, Target("count", 30), listener)
+    asked = Target("count", 30)
+    grew = decompose(sphere, OPERATOR, asked, listener)
     values, rows = grew.eigenvalues[:25], np.asarray(grew.rows)[:25]
     cases: list[tuple[str, dict[str, Any], Any]] = [
         ("hks", {"n_columns": 5}, heat_kernel_bank(hks_times(values, n_scales=5))),
@@ -91,7 +97,7 @@ def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: L
         ),
     ]
     for kind, parameters, bank in cases:
-        content = exported(sphere, kind, 25, listener, **parameters)
+        content = exported(sphere, kind, 25, asked, listener, **parameters)
         wanted = accumulate_features(rows, bank(values))
         np.testing.assert_allclose(
             content["features"], wanted, rtol=1e-5, atol=1e-7 * np.abs(wanted).max()
@@ -101,20 +107,22 @@ def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: L
 
 
 def test_pins_have_the_values_of_the_features(sphere: Mesh, listener: Listener) -> None:
-    decompose(sphere, OPERATOR, Target("count", 30), listener)
+    asked = Target("count", 30)
+    decompose(sphere, OPERATOR, asked, listener)
     mesh = sphere.with_maps(VertexMap("height", sphere.vertices[:, 2]))
     pins = Pin(7, 1, "soma"), Pin(300, 2, own_color="#123456")
     hks = EXPORTS["hks"].exported(n_columns=3)
     distances = EXPORTS["distance"].exported(vertices=(7, 300))
     path = listener.folder / "pins.csv"
-    written = PinExportJob(mesh, OPERATOR, path, pins, (hks, distances), 25).run(listener)
+    job = PinExportJob(mesh, OPERATOR, path, pins, (hks, distances), 25, target=asked)
+    written = job.run(listener)
     assert written.description == "2 pins, 13 columns,"
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["name"], row["color"]) for row in rows] == [
         ("soma", "#E69F00"), ("", "#123456"),
     ]  # fmt: skip
-    features = exported(sphere, "hks", 25, listener, n_columns=3)
+    features = exported(sphere, "hks", 25, asked, listener, n_columns=3)
     far = distance_features(sphere, [7, 300])
     wanted = {
         **dict(zip(features["columns"].tolist(), features["features"].T, strict=True)),
@@ -130,10 +138,12 @@ def test_pins_have_the_values_of_the_features(sphere: Mesh, listener: Listener) 
 def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
     sphere: Mesh, listener: Listener
 ) -> None:
-    grew = decompose(sphere, OPERATOR, Target("max_eigenvalue", 19.0), listener)
+    asked = Target("max_eigenvalue", 19.0)
+    grew = decompose(sphere, OPERATOR, asked, listener)
     assert grew.eigenvalues[-1] < 13.0
     for n_pairs, known_to in ((16, 19.0), (9, float(grew.eigenvalues[8]))):
-        content = exported(sphere, "hks", n_pairs, listener, n_columns=2, t_min=0.1, t_max=0.2)
+        times = {"n_columns": 2, "t_min": 0.1, "t_max": 0.2}
+        content = exported(sphere, "hks", n_pairs, asked, listener, **times)
         said = json.loads(str(content["meta"]))["options"]["truncation"]["known_to"]
         assert said == pytest.approx(known_to, rel=1e-6)
 

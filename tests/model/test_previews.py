@@ -16,6 +16,7 @@ from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
 from meshmash_viewer.model.jobs import InspectJob, PreviewJob
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
@@ -99,9 +100,9 @@ def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count
 
 def test_stored_pairs_make_a_preview_needless(large: Mesh, tmp_path: Path) -> None:
     listener = Listener(tmp_path)
-    decompose(large, OPERATOR, Target("count", 10), listener)
-    listener.messages.clear()
-    decompose(large, OPERATOR, Target("count", 40), listener)
+    with pytest.raises(Cancelled):
+        decompose(large, OPERATOR, Target("count", 60), Listener(tmp_path, stop_at=10))
+    decompose(large, OPERATOR, Target("count", 60), listener)
     assert not any(message.preview for message in listener.messages)
 
 

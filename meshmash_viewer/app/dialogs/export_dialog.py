@@ -183,7 +183,7 @@ class ExportDialog(SaveDialog):
             self.path,
             family,
             min(self.pairs_spin.value(), len(self._spectrum)),
-            self._document.solve.target,
+            self._document.solve.stated(self._spectrum),
             self._document.repairs,
             self.maps_check.isChecked(),
             self._whole if self.whole_check.isChecked() else None,

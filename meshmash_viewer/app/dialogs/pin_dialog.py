@@ -179,6 +179,7 @@ class PinExportDialog(SaveDialog):
             tuple(family for check, (family, _) in self._checks.items() if check.isChecked()),
             len(self._spectrum),
             self._part,
+            self._spectrum.target,
         )
 
     def _prepared(self, kind: type[Family]) -> tuple[Family, tuple[str, ...], str]:

@@ -247,14 +247,8 @@ class MeshPanel(QWidget):
             return
         n = ready.health.n_vertices
         translation = self._document.solve.translation()
-        known, (wanted, exact) = len(translation.eigenvalues), translation.count(target)
         if self._document.solve.is_computed:
-            asked = f", of which {wanted:,} are asked for" if wanted < known else ""
-            self.cost_label.setText(f"Computed: {counted(known, 'pair')}{asked}.")
-            return
-        if known and exact and wanted <= known:
-            already = f"{counted(wanted, 'pair')} converged already"
-            self.cost_label.setText(f"{already}: Compute proves that none is missing.")
+            self.cost_label.setText(f"Computed: {counted(len(translation.eigenvalues), 'pair')}.")
             return
         shown = self._document.display.fields.values()
         columns = sum(getattr(each, each.counted) for each in shown if each.counted)
@@ -339,8 +333,11 @@ class MeshPanel(QWidget):
             text = f"A preview of {counted(more, 'pair')}: Compute makes them exact."
         elif spectrum is not None and state is None and len(spectrum):
             requested = f" of {spectrum.total:,}" if spectrum.total else ""
-            text = f"{counted(exact, 'pair')}{requested}, stopped early: Compute resumes here"
-            text += f"{previewed}." if previewed else "."
+            solve = self._document.solve
+            text = f"{counted(exact, 'pair')}{requested}, stopped early"
+            if spectrum.target == solve.asked and spectrum.operator == solve.operator:
+                text += ": Compute resumes here"
+            text += f"{previewed}."
             role = "warning"
         elif state is None and self._document.ready is None:
             text = "Open a mesh to compute its eigenfunctions."

@@ -13,6 +13,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.compiler import check_compiler
+from meshmash_viewer.spectral.weyl import Target
 
 #: ``(k, n, n_kept) -> array of shape (k, n)`` whose first `n_kept` rows are the known pairs.
 Allocate: TypeAlias = Callable[[int, int, int], npt.NDArray[np.floating[Any]]]
@@ -58,6 +59,14 @@ class Request:
             raise InputError("op_inv requires n_components, a number of eigenpairs.")
         if self.n_jobs is not None and self.n_jobs < 1:
             raise InputError(f"n_jobs must be at least 1, not {self.n_jobs}.")
+
+    @property
+    def asked(self) -> Target:
+        """The requested number of pairs, or largest eigenvalue."""
+        if self.n_components is not None:
+            return Target("count", self.n_components)
+        assert self.max_eigenvalue is not None
+        return Target("max_eigenvalue", self.max_eigenvalue)
 
     @property
     def precision(self) -> np.dtype[Any]:
