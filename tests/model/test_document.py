@@ -160,6 +160,20 @@ def test_what_is_there_and_whole_need_not_be_computed_again(
     assert document.spectrum.target == Target("count", 4)
 
 
+def test_opening_restores_what_was_asked_for(document: Document, sphere: Mesh) -> None:
+    document.solve.target = Target("wavelength", 2.5)
+    asked = document.solve.asked
+    assert asked.kind == "max_eigenvalue"
+    stored = replace(spectrum_of(sphere, 9), operator=document.solve.operator, target=asked)
+    document.accept_mesh(replace(ready_of(sphere, "a.ply"), known=stored, derived=True))
+    assert document.solve.target == Target("wavelength", 2.5)  # as the user stated it
+    assert document.solve.is_computed
+    part = replace(stored, target=Target("count", 300), certificate=Certificate("none"))
+    document.accept_mesh(replace(ready_of(sphere, "b.ply"), known=part))
+    assert document.solve.target == Target("count", 300)  # which Compute resumes
+    assert not document.solve.is_computed
+
+
 def test_a_change_of_unit_is_said_and_can_be_taken_back(document: Document) -> None:
     notices: list[Notice] = []
     document.notices.shown.connect(notices.append)

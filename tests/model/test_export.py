@@ -44,7 +44,12 @@ def listener(tmp_path: Path) -> Listener:
 
 
 def exported(
-    mesh: Mesh, kind: str, n_pairs: int, asked: Target, listener: Listener, **parameters: Any
+    mesh: Mesh,
+    kind: str,
+    n_pairs: int,
+    listener: Listener,
+    asked: Target | None = None,
+    **parameters: Any,
 ) -> dict[str, np.ndarray]:
     path, family = listener.folder / "out.npz", EXPORTS[kind].exported(**parameters)
     ExportJob(mesh, OPERATOR, path, family, n_pairs, asked).run(listener)
@@ -56,16 +61,16 @@ def test_as_many_pairs_as_asked_for_and_never_fewer(sphere: Mesh, listener: List
     asked = Target("count", 20)
     grew = decompose(sphere, OPERATOR, asked, listener)
     for n_pairs in (20, 9):
-        content = exported(sphere, "eigenpairs", n_pairs, asked, listener)
+        content = exported(sphere, "eigenpairs", n_pairs, listener, asked)
         about = json.loads(str(content["meta"]))["options"]
         assert about["target"] == {"kind": "count", "value": n_pairs}
         assert about["proof"].startswith(f"{n_pairs} pairs · complete")
         np.testing.assert_array_equal(content["eigenvalues"], grew.eigenvalues[:n_pairs])
         assert content["eigenvectors"].shape == (sphere.n_vertices, n_pairs)
     with pytest.raises(InputError, match="no longer in the cache"):
-        exported(sphere, "eigenpairs", 21, asked, listener)
+        exported(sphere, "eigenpairs", 21, listener, asked)
     with pytest.raises(InputError, match="no longer in the cache"):
-        exported(Mesh(2.0 * sphere.vertices, sphere.faces), "eigenpairs", 5, asked, listener)
+        exported(Mesh(2.0 * sphere.vertices, sphere.faces), "eigenpairs", 5, listener, asked)
 
 
 def test_pairs_of_a_cancelled_solve_make_features_too(tmp_path: Path) -> None:
@@ -73,7 +78,7 @@ def test_pairs_of_a_cancelled_solve_make_features_too(tmp_path: Path) -> None:
     with pytest.raises(Cancelled):
         decompose(mesh, OPERATOR, Target("count", 300), Listener(tmp_path, stop_at=50))
     asked = Target("count", 300)
-    content = exported(mesh, "hks", 50, asked, Listener(tmp_path), n_columns=4)
+    content = exported(mesh, "hks", 50, Listener(tmp_path), asked, n_columns=4)
     assert np.isfinite(content["features"]).all()
 
 
@@ -97,7 +102,7 @@ def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: L
         ),
     ]
     for kind, parameters, bank in cases:
-        content = exported(sphere, kind, 25, asked, listener, **parameters)
+        content = exported(sphere, kind, 25, listener, asked, **parameters)
         wanted = accumulate_features(rows, bank(values))
         np.testing.assert_allclose(
             content["features"], wanted, rtol=1e-5, atol=1e-7 * np.abs(wanted).max()
@@ -122,7 +127,7 @@ def test_pins_have_the_values_of_the_features(sphere: Mesh, listener: Listener) 
     assert [(row["name"], row["color"]) for row in rows] == [
         ("soma", "#E69F00"), ("", "#123456"),
     ]  # fmt: skip
-    features = exported(sphere, "hks", 25, asked, listener, n_columns=3)
+    features = exported(sphere, "hks", 25, listener, asked, n_columns=3)
     far = distance_features(sphere, [7, 300])
     wanted = {
         **dict(zip(features["columns"].tolist(), features["features"].T, strict=True)),
@@ -143,7 +148,7 @@ def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
     assert grew.eigenvalues[-1] < 13.0
     for n_pairs, known_to in ((16, 19.0), (9, float(grew.eigenvalues[8]))):
         times = {"n_columns": 2, "t_min": 0.1, "t_max": 0.2}
-        content = exported(sphere, "hks", n_pairs, asked, listener, **times)
+        content = exported(sphere, "hks", n_pairs, listener, asked, **times)
         said = json.loads(str(content["meta"]))["options"]["truncation"]["known_to"]
         assert said == pytest.approx(known_to, rel=1e-6)
 

@@ -266,7 +266,8 @@ class Computation:
         If a border proves to lie on an eigenvalue, the slices already computed are kept, and
         further borders are counted on both sides.
         """
-        yield from self._keep(self.output.total if self._n_kept == self.output.total else 0)
+        if self._n_kept == self.output.total:
+            yield from self._keep(self._n_kept)
         if high <= 0.0 or self.output.written == self.output.total:
             return
         started, low, count = time.perf_counter(), 0.0, plan.count(high)
@@ -274,17 +275,17 @@ class Computation:
         for settled in (False, True):
             planned = plan.slices(low, high, settled)
             begun: list[Interval] = []
-            for each in planned:
-                if self._n_kept < min(each.first + each.n_expected, self.output.total):
-                    begun.append(each)
-                    break
-                yield from self._keep(each.first + each.n_expected)
-            intervals = (
-                replace(each, most=self._needed(each.first))
-                for each in chain(begun, planned)
-                if self._needed(each.first) != 0
-            )
             try:
+                for each in planned:
+                    if self._n_kept < each.first + each.n_expected:
+                        begun.append(each)
+                        break
+                    yield from self._keep(each.first + each.n_expected)
+                intervals = (
+                    replace(each, most=self._needed(each.first))
+                    for each in chain(begun, planned)
+                    if self._needed(each.first) != 0
+                )
                 for pairs in self._found(ordered, intervals, count):
                     yield from self._place_slice(ordered, pairs)
                     low = pairs.interval.high
