@@ -253,6 +253,7 @@ class ExportDialog(SaveDialog):
         chosen = self._chosen()
         features = chosen is None or chosen.makes_features()
         counted_by = "" if chosen is None else chosen.counted
+        self._output = "features" if features else "eigenpairs"
         self.count_spin.setVisible(bool(counted_by))
         others = [each for each in self._mesh.maps if chosen is not None or each is not self._shown]
         names = ", ".join(each.name for each in others)
