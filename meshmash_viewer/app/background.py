@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+import numpy as np
 import shiboken6
 from PySide6.QtCore import QObject, Qt, QThread, QThreadPool, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices
@@ -21,7 +22,14 @@ from meshmash_viewer.model.classes import ClassesJob, Classified
 from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob, PinExportJob
-from meshmash_viewer.model.jobs import DecomposeJob, PartJob, PreviewJob, ReadJob, RegionsJob
+from meshmash_viewer.model.jobs import (
+    DecomposeJob,
+    PartJob,
+    PreviewJob,
+    ReadJob,
+    RegionsJob,
+    ResolutionJob,
+)
 from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of, notice_of
 from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, PartReady, RegionsReady, Written
 from meshmash_viewer.model.pieces import PiecesJob
@@ -397,7 +405,7 @@ class Tasks(QObject):
     def _on_mesh_changed(self) -> None:
         """Cancel the job if its mesh is no longer displayed, for example after an undo."""
         job, document = self.job, self._document
-        if isinstance(job, DecomposeJob | PreviewJob | ClassesJob):
+        if isinstance(job, DecomposeJob | PreviewJob | ClassesJob | ResolutionJob):
             stale = not document.is_solved(job.mesh)
         else:
             stale = isinstance(job, PiecesJob) and not document.is_shown(job.mesh)
@@ -443,6 +451,10 @@ class Tasks(QObject):
             warns = bool(result.remark) and result.warns
             severity = Severity.WARNING if warns else Severity.INFORMATION
             return saved_notice(self._document, written, result.path, severity), True
+        elif isinstance(result, np.ndarray) and isinstance(self.job, ResolutionJob):
+            if self._document.is_solved(self.job.mesh):
+                self._document.accept_errors(result)
+            return None, False
         elif isinstance(result, Classified) and isinstance(self.job, ClassesJob):
             self._document.classes.accept(self.job, result)
             return None, False

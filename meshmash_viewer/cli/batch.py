@@ -22,11 +22,12 @@ from meshmash_viewer.cli.manifest import Content, Manifest, Outcome, content_of
 from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fault_places import repair_effect
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import repair_mesh
 from meshmash_viewer.io.links import LINK_ENDING, is_link, link_file, parse_link, shown_path
 from meshmash_viewer.io.maps import read_maps, read_mask
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.io.spectrum import obtain_eigenpairs
+from meshmash_viewer.io.spectrum import measure_errors, obtain_eigenpairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.notices import failure_of, report_defect
 from meshmash_viewer.progress import Cancelled, Progress, ProgressBar
@@ -96,6 +97,8 @@ def pairs_report(pairs: Eigenpairs, mesh: Mesh) -> dict[str, Any]:
         "complete": pairs.complete,
         "worst_residual": float(pairs.residuals.max(initial=0.0)),
         "orthonormality": float(pairs.orthonormality),
+        "n_resolved": int(pairs.resolved.sum()),
+        "n_measured": pairs.n_measured,
     }
 
 
@@ -104,8 +107,18 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def more_pairs(t_min: float | None = None) -> str:
-    """Return the remedy for a truncated column."""
+def more_pairs(pairs: Eigenpairs | None, family: Family) -> str:
+    """Return the remedy for truncated columns, or that further pairs are none."""
+    if family.divergence:
+        return f". {family.divergence}"
+    if pairs is not None and pairs.resolvable[1] <= pairs.n_components:
+        return f". {pairs.mesh_limit.rstrip('.')}"
+    t_min = getattr(family, "t_min", None)
+    limit = ""
+    if pairs is not None and t_min is not None:
+        _, limit = pairs.within_resolution(Target("time", t_min))
+    if limit:
+        return f": take more of them (--count). {limit.rstrip('.')}"
     if t_min is not None:
         return ": --count auto takes as many as it needs"
     return ": take more of them (--count, --max-eigenvalue, --wavelength)"
@@ -308,6 +321,8 @@ def solved(mesh: Mesh, options: Namespace, target: Target) -> Eigenpairs:
         pairs, remark = obtain_eigenpairs(
             mesh, chosen_operator(options), request, use_cache=not options.no_cache
         )
+        if options.resolution:
+            pairs = measure_errors(mesh, pairs, use_cache=not options.no_cache, **callbacks)
     if remark:
         say(remark)
     return pairs.on_mask(options.mask or "")

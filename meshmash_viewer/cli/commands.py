@@ -83,6 +83,7 @@ def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
     request = Request(target.n_components, target.max_eigenvalue)
     if (known := stored_answer(mesh, OperatorOptions(), request)) is not None:
         translation = replace(translation, eigenvalues=known.eigenvalues, known_to=known.known_to)
+    resolution = "" if known is None else known.resolution
     reached = {
         "n_eigenpairs": translation.count(target),
         "max_eigenvalue": translation.eigenvalue(target),
@@ -98,6 +99,7 @@ def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
         "merge_first": "" if first == "keep_largest_component" else first,
         "bounds": [low.tolist(), high.tolist()],
         "median_edge": median_edge_length(mesh),
+        "resolution": resolution,
         "weyl": {
             "target": target.kind,
             **{name: finite(value) for name, (value, _) in reached.items()},
@@ -148,6 +150,7 @@ def _described_facts(about: dict[str, Any]) -> str:
         ("eigenpairs", f"{signs['n_eigenpairs']}{weyl['n_eigenpairs']:,.0f}"),
         ("  up to eigenvalue", signs["max_eigenvalue"] + top),
         ("  down to wavelength", signs["wavelength"] + format_quantity(weyl["wavelength"], unit)),
+        *([("", about["resolution"])] if about["resolution"] else []),
     ]
     return titled_rows(f"{about['name']} ({unit or 'no unit stated'})", rows)
 

@@ -82,6 +82,7 @@ def _check_combination(options: Namespace) -> None:
         raise InputError(f"--map and --maps add columns to features, not to {options.kind}.")
     of_whole_meshes = {
         "--tail": options.tail is not None,
+        "--resolution": options.resolution,
         "--count auto": options.target is None,
         "--component-column": options.component_column,
         f"--kind {options.kind}": family not in FEATURES.values(),
@@ -234,7 +235,7 @@ def computed_features(
     missing = found.truncation
     report["truncation"] = None if missing is None else missing.as_dict()
     if found.missing:
-        remarks.append(f"{found.missing}{more_pairs(getattr(family, 't_min', None))}.")
+        remarks.append(f"{found.missing}{more_pairs(pairs, family)}.")
     remarks += found.remarks(mesh, masked=options.mask is not None)
     found = found.with_maps(mesh)
     if options.component_column:

@@ -105,7 +105,7 @@ def command_parser() -> ArgumentParser:
             _add_target(made, automatic=name == "features")
         if name not in ("info", "regions", "condense"):
             operator = () if name == "predict" else ("--no-robust", "--mollify-factor")
-            add_options(made, *operator, "--no-cache", "--jobs")
+            add_options(made, *operator, "--no-cache", "--jobs", "--resolution")
         return made
 
     command("info", "print size, health and area of meshes", None)

@@ -96,7 +96,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
         if options.kind == OwnMaps.name:
             report["map"] = field.title
         elif said := _missing(spectrum, field.family, mesh):
-            report["remarks"] = [f"{said}{more_pairs()}."]
+            report["remarks"] = [f"{said}{more_pairs(spectrum, field.family)}."]
         limits, colormap = field.colors(display)
         values = field.values
         report |= {"limits": list(limits[:2]), "log_scale": limits.logarithmic}

@@ -110,6 +110,11 @@ class Distances(Family):
         return self.measure != "geodesic"
 
     @property
+    def divergence(self) -> str:
+        diverges = "The commute time does not converge: it grows with every further pair"
+        return diverges if self.measure == "commute" else ""
+
+    @property
     def timed(self) -> bool:
         """Whether the distance depends on a time."""
         return self.measure == "diffusion"

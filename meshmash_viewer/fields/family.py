@@ -259,6 +259,11 @@ class Family(Parameters):
         return True
 
     @property
+    def divergence(self) -> str:
+        """Sentence without a full stop on a sum that grows with every further pair; "" if none."""
+        return ""
+
+    @property
     def of_pairs(self) -> bool:
         """Whether the values depend on eigenpairs."""
         return self.needs_pairs

@@ -153,9 +153,11 @@ class HeatKernelSignature(BankFamily):
             f"eigenpairs. It takes those up to λ = {format_quantity(needed, unit, -2)}, "
             f"{estimated_pairs(spectrum, needed)}."
         )
+        target, limit = spectrum.within_resolution(Target("time", wanted))
+        warning = f"{warning} {limit}".rstrip()
         length = math.log10(high) - math.log10(low)
         hatched = (end - start) / length if length > 0.0 else 0.0
-        return Reading(title, facts, warning, Target("time", wanted), hatched=hatched)
+        return Reading(title, facts, warning, target, hatched=hatched)
 
     # -- values -------------------------------------------------------------------------------
 

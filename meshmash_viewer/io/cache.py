@@ -27,6 +27,8 @@ FORMAT = 7
 PROBLEM = "problem.json"
 #: Files of a store with its eigenvectors, and with all other published data.
 ROWS, PAIRS = "eigenvectors.f64", "pairs.sealed"
+#: Errors of eigenvalues measured on a finer mesh, in NumPy's format.
+ERRORS = "mesh_errors.npy"
 
 #: Default maximum size of the cache in bytes: 300 pairs of eight meshes of a million vertices.
 DEFAULT_CAP = 20_000_000_000

@@ -24,7 +24,7 @@ from meshmash_viewer.spectral.engine.request import Request
 if TYPE_CHECKING:
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.progress import CancelCallback
+    from meshmash_viewer.progress import CancelCallback, ProgressCallback
     from meshmash_viewer.spectral.weyl import Target
 
 
@@ -44,7 +44,9 @@ def find_eigenpairs(
     pairs than the user's. For `cancel`, see `EigenpairStore.load`. The remark is a sentence for the
     user, or "".
     """
-    return _longest(_stores(mesh, operator, target, spare), count, cancel)[:2]
+    stores = _stores(mesh, operator, target, spare)
+    found, damage, _ = _longest(stores, count, cancel)
+    return None if found is None else _with_stored(_estimated(mesh, found), stores), damage
 
 
 def last_eigenpairs(
@@ -83,21 +85,73 @@ def obtain_eigenpairs(
     """
     stores = _stores(mesh, operator, request.asked, spare) if use_cache else []
     if found := _answer(stores, request.cancel):
-        return found, ""
+        return _estimated(mesh, found), ""
 
     keeper = _Keeper(stores, in_file=spare is not None)
     try:
         # another process may have computed the pairs before the lock was acquired
         pairs = _answer(stores, request.cancel) or keeper.run(mesh, operator, request)
-        return pairs, " ".join(keeper.remarks)
+        return _estimated(mesh, pairs), " ".join(keeper.remarks)
     finally:
         for store in stores:
             store.close()
 
 
+def measure_errors(
+    mesh: Mesh,
+    pairs: Eigenpairs,
+    *,
+    use_cache: bool = True,
+    spare: Path | None = None,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Eigenpairs:
+    """Return pairs with errors measured on a finer mesh, and store these errors.
+
+    On a large mesh, only those of the first `affordable_pairs` are measured. For `use_cache` and
+    `spare` see `obtain_eigenpairs`, for exceptions `resolution_error`.
+    """
+    from meshmash_viewer.spectral.resolution import affordable_pairs, resolution_error
+
+    count = affordable_pairs(mesh.n_vertices, pairs.eigenvalues)
+    stores = _stores_of(mesh, pairs, spare) if use_cache else []
+    for store in stores:
+        # errors of fewer or more pairs may come from another number of divisions
+        if len(known := store.measured_errors()) == count:
+            return pairs.with_measured(known)
+    errors = resolution_error(mesh, pairs.first(count), progress=progress, cancel=cancel)
+    for store in stores:
+        store.keep_errors(errors)
+    return pairs.with_measured(errors)
+
+
+def with_stored_errors(mesh: Mesh, pairs: Eigenpairs, spare: Path | None = None) -> Eigenpairs:
+    """Return pairs with the errors that `measure_errors` has stored, if any."""
+    return _with_stored(pairs, _stores_of(mesh, pairs, spare))
+
+
+def _with_stored(pairs: Eigenpairs, stores: list[EigenpairStore]) -> Eigenpairs:
+    longest = max((each.measured_errors() for each in stores), key=len)
+    return pairs.with_measured(longest[: len(pairs.eigenvalues)])
+
+
+def _stores_of(mesh: Mesh, pairs: Eigenpairs, spare: Path | None) -> list[EigenpairStore]:
+    assert pairs.operator is not None
+    assert pairs.target is not None
+    return _stores(mesh, pairs.operator, pairs.target, spare)
+
+
+def _estimated(mesh: Mesh, pairs: Eigenpairs) -> Eigenpairs:
+    """Return pairs with estimated errors due to the mesh."""
+    from meshmash_viewer.spectral.resolution import quick_error  # imports scipy
+
+    return replace(pairs, mesh_errors=quick_error(mesh, pairs))
+
+
 def stored_answer(mesh: Mesh, operator: OperatorOptions, request: Request) -> Eigenpairs | None:
     """Return the stored eigenpairs that answer a request; None if some are missing or damaged."""
-    return _answer(_stores(mesh, operator, request.asked, None), request.cancel)
+    found = _answer(_stores(mesh, operator, request.asked, None), request.cancel)
+    return None if found is None else _estimated(mesh, found)
 
 
 def _stores(

@@ -36,6 +36,7 @@ from meshmash_viewer.features.truncation import asked_target
 from meshmash_viewer.io.atomic import make_room, persistently, written_whole
 from meshmash_viewer.io.cache import (
     DEFAULT_CAP,
+    ERRORS,
     FORMAT,
     PAIRS,
     PROBLEM,
@@ -229,6 +230,29 @@ class EigenpairStore:
     def map(self, count: int) -> FloatArray:
         """Return a read-only memory map of the first rows, shape (count, n)."""
         return np.memmap(self.folder / ROWS, np.float64, "r", shape=(count, self.n_vertices))
+
+    def measured_errors(self) -> FloatArray:
+        """Return the errors last given to `keep_errors`, shape (m,); empty if there are none."""
+        try:
+            found = np.load(self.folder / ERRORS)
+        except _UNUSABLE:
+            return np.zeros(0)
+        is_intact = found.ndim == 1 and found.dtype == np.float64 and np.isfinite(found).all()
+        return found if is_intact else np.zeros(0)
+
+    def keep_errors(self, errors: FloatArray) -> None:
+        """Store errors of leading eigenvalues, measured on a finer mesh, instead of fewer errors.
+
+        The mesh determines them, so that they remain valid if pairs are added or lost.
+        """
+        if not self.folder.exists() or len(errors) < len(self.measured_errors()):
+            return
+        with (
+            contextlib.suppress(OSError),  # they can be measured again
+            written_whole(self.folder / ERRORS) as part,
+            part.open("wb") as file,  # `np.save` would append .npy to a name
+        ):
+            np.save(file, errors)
 
     # Writing, by the process with the lock ---------------------------------------------------
 

@@ -38,6 +38,7 @@ def write_features(
     mesh: MeshLike,
     *,
     eigenvalues: npt.ArrayLike | None = None,
+    mesh_errors: npt.ArrayLike = (),
     meta: dict[str, Any] | None = None,
 ) -> None:
     """Write feature columns in the format given by the file's ending.
@@ -55,6 +56,8 @@ def write_features(
         The mesh of the features.
     eigenvalues : array_like, shape (k,), optional
         Eigenvalues of the pairs used for the features; written to NPZ files only.
+    mesh_errors : array_like, shape (k,), optional
+        Their `Eigenpairs.mesh_errors`.
     meta : dict, optional
         JSON-able options of the computation, or a result of `provenance`.
 
@@ -85,6 +88,8 @@ def write_features(
         "eigenvalues": values,
         **mesh_arrays(mesh),
     }
+    if np.size(mesh_errors):
+        archive["mesh_errors"] = np.asarray(mesh_errors, dtype=np.float64)
     table = FeatureTable(mesh, archive, features.columns, features.values, values)
     # options given by the caller take precedence
     options = {"kind": features.kind, "values_unit": features.unit, **features.meta}
@@ -111,6 +116,8 @@ def write_eigenpairs(
     mesh = as_mesh(mesh)
     decomposition = as_eigenpairs("write_eigenpairs(path, pairs, mesh)", decomposition, mesh)
     extra = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
+    if len(decomposition.mesh_errors):
+        extra["mesh_errors"] = decomposition.mesh_errors
     archive = {
         **extra,
         "eigenvectors": decomposition.eigenvectors,

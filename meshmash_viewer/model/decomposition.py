@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.io.atomic import discard, make_room
-from meshmash_viewer.io.spectrum import obtain_eigenpairs
+from meshmash_viewer.io.spectrum import obtain_eigenpairs, with_stored_errors
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.open_mesh import MeshReady
@@ -55,7 +55,7 @@ def decompose(
         raise
     if remark:
         channel.send(remark)
-    return growth.aligned(pairs)
+    return growth.aligned(with_stored_errors(mesh, pairs, channel.folder / SPARE))
 
 
 class _Growth:

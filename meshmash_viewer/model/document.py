@@ -493,6 +493,12 @@ class Document(OpenMesh):
             self._go_within(spectrum)
         self.spectrum_changed.emit()
 
+    def accept_errors(self, errors: npt.NDArray[np.float64]) -> None:
+        """Take errors of the first eigenvalues, measured on a finer mesh."""
+        if self.spectrum is not None:
+            self.spectrum = self.spectrum.with_measured(errors)
+            self.spectrum_changed.emit()
+
     def _go_within(self, spectrum: Eigenpairs) -> None:
         """Clip the position of every family to the range of a spectrum."""
         self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))

@@ -43,8 +43,15 @@ def write_results(
     if file_mesh is not None:
         results = results.on_file(mesh)
     if isinstance(results, Features):
-        values = None if pairs is None else pairs.eigenvalues
-        write_features(path, results, file_mesh or mesh, eigenvalues=values, meta=meta)
+        known = pairs or Eigenpairs.without_pairs(mesh)
+        write_features(
+            path,
+            results,
+            file_mesh or mesh,
+            eigenvalues=known.eigenvalues,
+            mesh_errors=known.mesh_errors,
+            meta=meta,
+        )
     else:
         write_eigenpairs(path, results, file_mesh or mesh, meta)
 

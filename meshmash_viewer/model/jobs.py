@@ -217,6 +217,28 @@ class DecomposeJob(MeshJob):
         return decompose(self.mesh, self.operator, self.target, channel)
 
 
+@dataclass(frozen=True, eq=False)
+class ResolutionJob(MeshJob):
+    """Job that measures `Eigenpairs.mesh_errors` on a finer mesh; returns those measured, (m,)."""
+
+    pairs: Eigenpairs
+
+    doing: ClassVar[str] = "Measuring the resolution of"
+
+    def run(self, channel: Channel) -> npt.NDArray[np.float64]:
+        from meshmash_viewer.io.spectrum import measure_errors
+        from meshmash_viewer.model.decomposition import SPARE
+
+        found = measure_errors(
+            self.mesh,
+            self.pairs,
+            spare=channel.folder / SPARE,
+            progress=channel.report,
+            cancel=channel.cancelled,
+        )
+        return found.mesh_errors[: found.n_measured]
+
+
 @dataclass(frozen=True)
 class JobState:
     """The running job, its start time, and its expected duration in seconds."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from psygnal import SignalGroupDescriptor
@@ -11,10 +11,11 @@ from psygnal import SignalGroupDescriptor
 from meshmash_viewer.features.truncation import asked_target
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.classes import ClassesJob
-from meshmash_viewer.model.jobs import DecomposeJob, JobState, PreviewJob, Work
+from meshmash_viewer.model.jobs import DecomposeJob, JobState, PreviewJob, ResolutionJob, Work
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.resolution import affordable_pairs
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.work import Job
 
@@ -96,6 +97,23 @@ class Solve:
         solved = self._opened.solved
         if solved is not None:
             self._work.request(DecomposeJob(solved.mesh, self.operator, self.asked))
+
+    @property
+    def measurable(self) -> int:
+        """Number of leading pairs whose error due to the mesh is estimated, but can be measured."""
+        spectrum = self._opened.spectrum
+        if spectrum is None or not spectrum.complete or self._work.job is not None:
+            return 0
+        exact = spectrum.exact
+        count = affordable_pairs(self.n_vertices, exact.eigenvalues)
+        return count if spectrum.n_measured < count else 0
+
+    def measure(self) -> None:
+        """Request to measure the errors of eigenvalues that are due to the mesh."""
+        solved, spectrum = self._opened.solved, self._opened.spectrum
+        if solved is not None and spectrum is not None and self.measurable:
+            pairs = replace(spectrum.exact, mesh=None, alignment=None)
+            self._work.request(ResolutionJob(solved.mesh, pairs))
 
     def expected_seconds(self, target: Target) -> float:
         """Estimate the seconds that a decomposition of the open mesh takes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,8 +17,8 @@ from meshmash_viewer.features.filter_responses import count_zeros, hks_time_rang
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, multiplets
 from meshmash_viewer.spectral.certificate import Certificate, verify_pairs
-from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.units import format_quantity, named_vertex
+from meshmash_viewer.spectral.weyl import Target, Translation
+from meshmash_viewer.units import counted, format_quantity, format_share, named_vertex
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
@@ -30,6 +31,8 @@ Rows: TypeAlias = npt.NDArray[np.floating[Any]]
 _SMALL = 3_000_000
 #: Largest deviation of products of eigenvectors from the identity, above that of float32.
 _ORTHONORMAL = 1e-4
+#: Largest relative error of an eigenvalue that the mesh resolves.
+RESOLVED = 0.05
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,11 @@ class Eigenpairs:
     n_exact: int | None = None
     #: Expected relative error of approximate eigenvalues.
     error: float = 0.0
+    #: Shape (k,): Estimated relative error of each eigenvalue that is due to the mesh, see
+    #: `meshmash_viewer.spectral.resolution`; NaN for approximate pairs, empty if not estimated.
+    mesh_errors: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
+    #: Number of leading pairs whose `mesh_errors` were measured on a finer mesh, with their signs.
+    n_measured: int = 0
     #: Parameters of the Laplacian.
     operator: OperatorOptions | None = None
     #: Signs and rotations of the rows as drawn.
@@ -128,7 +136,70 @@ class Eigenpairs:
 
         `unit` is the length unit of the mesh, "" for none.
         """
-        return self.certificate.sentence(self.n_components, unit)
+        certified = self.certificate.sentence(self.n_components, unit)
+        return " · ".join(filter(None, [certified, self.resolution]))
+
+    @property
+    def resolved(self) -> npt.NDArray[np.bool_]:
+        """Mask of the eigenvalues whose estimated error due to the mesh is at most 5 %, (k,)."""
+        if not len(self.mesh_errors):
+            return np.ones(self.n_components, dtype=np.bool_)
+        return ~(np.abs(self.mesh_errors) > RESOLVED)
+
+    @property
+    def resolution(self) -> str:
+        """Number of resolved pairs: "the mesh resolves 120 of 200 pairs to 5 %"; "" if unknown."""
+        k, n = len(self.mesh_errors), self.n_measured
+        if not k:
+            return ""
+        part = f" up to pair {n - 1}" if n < k else ""
+        how = f" (measured on a finer mesh{part})" if n else ""
+        pairs, zeros = f"{self.resolved.sum():,} of {counted(k, 'pair')}", first_nonzero(self)
+        if self.resolved.sum() == zeros < k:
+            pairs = f"none of the {k - zeros:,} nonzero pairs"
+        return f"the mesh resolves {pairs} to {format_share(RESOLVED)}{how}"
+
+    @cached_property
+    def resolvable(self) -> tuple[float, int]:
+        """Estimated largest eigenvalue that the mesh resolves, and the number of pairs up to it.
+
+        Errors grow like eigenvalues; the last tenth of the known errors is continued.
+        """
+        errors = np.abs(self.mesh_errors[np.isfinite(self.mesh_errors)])
+        k, area = len(errors), float(self.vertex_areas.sum())
+        typical = float(np.median(errors[-max(k // 10, 1) :])) if k else 0.0
+        if not typical > 0.0:
+            return math.inf, self.n_vertices
+        highest = float(self.eigenvalues[k - 1]) * RESOLVED / typical
+        if highest <= self.eigenvalues[k - 1]:
+            return highest, int(self.resolved[:k].sum())
+        known = Translation(area, self.eigenvalues[:k], self.n_vertices)
+        return highest, known.count(Target("max_eigenvalue", highest))[0]
+
+    def within_resolution(self, target: Target) -> tuple[Target | None, str]:
+        """Return the part of a target that the mesh resolves, and if it is limited, a sentence.
+
+        None is returned if all resolved pairs are computed.
+        """
+        highest, count = self.resolvable
+        known = Translation(float(self.vertex_areas.sum()), self.eigenvalues, self.n_vertices)
+        if known.eigenvalue(target)[0] <= highest:
+            return target, ""
+        return Target("count", count) if count > self.n_components else None, self.mesh_limit
+
+    @property
+    def mesh_limit(self) -> str:
+        """Sentence on the number of pairs that the mesh resolves."""
+        pairs = counted(self.resolvable[1], "pair")
+        return (
+            f"The mesh resolves about {pairs} to {format_share(RESOLVED)}; further ones are those"
+            " of its triangles rather than of the surface."
+        )
+
+    def with_measured(self, errors: npt.NDArray[np.float64]) -> Self:
+        """Replace the first `mesh_errors` by errors measured on a finer mesh."""
+        rest = self.mesh_errors[len(errors) :]
+        return replace(self, mesh_errors=np.append(errors, rest), n_measured=len(errors))
 
     def on_mask(self, mask: str) -> Self:
         """Add the description of a mask, "" for none, to the certificate of the pairs."""
@@ -163,6 +234,8 @@ class Eigenpairs:
             eigenvalues=values[:count],
             residuals=self.residuals[:count],
             certificate=self.certificate if whole else certificate,
+            mesh_errors=self.mesh_errors[:count],
+            n_measured=min(self.n_measured, count),
             total=count,
             target=self.target if whole else Target("count", max(count, 1)),
             known_to=self.known_to if whole else 0.0,
@@ -196,6 +269,7 @@ class Eigenpairs:
             eigenvalues=np.maximum.accumulate(np.concatenate([self.eigenvalues, rest])),
             rows=ShownRows(self.rows, count, preview.rows, self.alignment or Alignment()),
             residuals=np.concatenate([self.residuals, np.full(len(rest), np.nan)]),
+            mesh_errors=np.concatenate([self.mesh_errors, np.full(len(rest), np.nan)]),
             n_exact=count,
             error=preview.error,
             alignment=None,

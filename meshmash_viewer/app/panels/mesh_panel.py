@@ -289,10 +289,19 @@ class MeshPanel(QWidget):
         )
         self.proof_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         make.offer_copy(self.proof_label)
+        self.resolution_button = make.button(
+            "Measure the resolution",
+            "resolution_button",
+            "Measure on a finer mesh which eigenvalues the mesh resolves",
+            self._document.solve.measure,
+            role="link",
+        )
+        make.keep_room(self.resolution_button)
         self._status_stack = QStackedLayout()
         self._status_stack.addWidget(self.proof_label)
         self._status_stack.addWidget(self.progress_label)
-        parts = buttons, self.progress_bar, self._status_stack
+        measure = row(self.resolution_button, None)
+        parts = buttons, self.progress_bar, self._status_stack, measure
         foot = make.holder(column(*parts, spacing=6, margins=(theme.MARGIN,) * 4))
         return theme.named(foot, "mesh_panel_foot")
 
@@ -327,7 +336,7 @@ class MeshPanel(QWidget):
         more = 0 if spectrum is None else len(spectrum) - exact
         previewed = f" · {more:,} more from a preview" if more else ""
         if mesh is not None and spectrum is not None and spectrum.certificate.method != "none":
-            text = spectrum.certificate.sentence(exact, mesh.unit) + previewed
+            text = spectrum.exact.proof(mesh.unit) + previewed
             role = "proof" if spectrum.complete else "warning"
         elif spectrum is not None and state is None and more and not exact:
             text = f"A preview of {counted(more, 'pair')}: Compute makes them exact."
@@ -344,4 +353,13 @@ class MeshPanel(QWidget):
         elif state is None and spectrum is None:
             text = "Nothing computed yet."
         self.proof_label.setText(text)
+        count = self._document.solve.measurable
+        self.resolution_button.setVisible(count > 0)
+        if spectrum is not None and count:
+            which = "" if count == exact else f"Of the first {counted(count, 'pair')}. "
+            self.resolution_button.setToolTip(
+                f"{which}The proof is about the matrices, and the number of resolved pairs an"
+                " estimate. This solves the mesh with every face cut in four, which takes several"
+                " times as long as the decomposition"
+            )
         theme.change_role(self.proof_label, role)

@@ -20,9 +20,9 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.alignment import multiplets
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
+from meshmash_viewer.spectral.eigenpairs import RESOLVED, Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
-from meshmash_viewer.units import named_quantity
+from meshmash_viewer.units import format_share, named_quantity
 
 
 class EigenvalueView:
@@ -43,15 +43,17 @@ class EigenvalueView:
         self.multiplets = pg.PlotCurveItem(connect="pairs")
         self._has_multiplets = False
         self.points = pg.ScatterPlotItem(pxMode=True)
+        #: Eigenvalues that the mesh does not resolve, in grey.
+        self.unresolved = pg.ScatterPlotItem(pxMode=True)
         self.zeros = pg.ScatterPlotItem(pxMode=True)
         self.current = pg.ScatterPlotItem(pxMode=True)
         self.marker = marker(self._drag, self.refresh_current)
         self.expected = pg.PlotCurveItem()  # invisible: extends the axes to the requested pairs
         self.items = (
-            self.expected, self.weyl, self.multiplets, self.points, self.zeros, self.marker,
-            self.current,
+            self.expected, self.weyl, self.multiplets, self.points, self.unresolved,
+            self.zeros, self.marker, self.current,
         )  # fmt: skip
-        for item in (self.weyl, self.multiplets, self.points, self.zeros):
+        for item in (self.weyl, self.multiplets, self.points, self.unresolved, self.zeros):
             item.setCacheMode(item.CacheMode.DeviceCoordinateCache)  # a new index keeps the item
         # Weyl's law may be far above the eigenvalues of a neuron, and must not affect the range
         self.unbounded = (self.weyl, self.marker, self.multiplets, self.current)
@@ -66,6 +68,8 @@ class EigenvalueView:
         self.multiplets.setPen(band)
         self.points.setPen(None)
         self.points.setBrush(color(colors.accent))
+        self.unresolved.setPen(None)
+        self.unresolved.setBrush(color(colors.reference))
         self.zeros.setBrush(color(colors.surface))
         self.zeros.setPen(rim(colors.accent, 1.5))
         self.current.setBrush(color(colors.marker))
@@ -86,6 +90,9 @@ class EigenvalueView:
             parts.append(f'<span style="color:{colors.accent}">○</span> {what}')
         if self._has_multiplets:
             parts.append(f'<span style="color:{colors.accent}">▬</span> equal')
+        if spectrum is not None and not spectrum.resolved.all():
+            grey = f'<span style="color:{colors.reference}">●</span>'
+            parts.append(f"{grey} wrong by over {format_share(RESOLVED)} due to the mesh")
         parts.append(f'<span style="color:{colors.reference}">╌╌</span> Weyl’s law')
         return "&nbsp;&nbsp; ".join(parts)
 
@@ -104,7 +111,9 @@ class EigenvalueView:
         size = 5.0 if length <= 400 else 3.5
         # approximate eigenvalues have pale points
         self.points.setBrush(color(theme.palette().accent, 0.45 if spectrum.preview else 1.0))
-        self.points.setData(index[zeros:], heights[zeros:], size=size)
+        rest, resolved = np.arange(length) >= zeros, spectrum.resolved
+        for item, shown in ((self.points, rest & resolved), (self.unresolved, rest & ~resolved)):
+            item.setData(index[shown], heights[shown], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
         runs = ((first, end - 1) for first, end in multiplets(spectrum.eigenvalues, zeros, length))
         ends = [each for run in runs if run[1] > run[0] for each in run]

@@ -285,10 +285,12 @@ class MapTab(FamilyTab):
         left = passed * math.sqrt(max(1.0 - known.share(len(known)), 0.0) * known.energy)
         mean = left / math.sqrt(spectrum.vertex_areas.sum())
         size = format_quantity(mean, values.unit, 1, 2)
+        is_limit = spectrum.resolvable[1] <= len(spectrum)
+        remedy = spectrum.mesh_limit if is_limit else "Compute more pairs."
         return (
             f"The filter is {format_number(passed, 2)} at the last of"
             f" {counted(len(known), 'pair')}: up to {format_share(share)} of what varies is"
-            f" missing, in the root mean square at most {size}. Compute more pairs."
+            f" missing, in the root mean square at most {size}. {remedy}"
         )
 
     def _refresh_filter(self) -> None:

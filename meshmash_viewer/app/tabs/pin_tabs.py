@@ -158,9 +158,16 @@ class DistanceTab(PinChooser):
         spectrum = field.request.spectrum
         sufficient = family.sufficient(spectrum, typical) if family.needs_pairs else None
         share = percent(family.missing(spectrum, typical))
-        text = f"About {share} of a typical distance is missing: compute more eigenpairs."
+        text = f"About {share} of a typical distance is missing"
+        target, limit = (None, "")
+        if sufficient is not None:
+            target, limit = spectrum.within_resolution(sufficient)
+            if limit and family.divergence:
+                target, limit = None, f"{family.divergence}. {limit}"
+            remedy = "" if target is None else ": compute more eigenpairs"
+            text = f"{text}{remedy}. {limit}".rstrip()
         show_note(self.missing_note, "" if sufficient is None else text)
-        self.compute_button.show_target(sufficient)
+        self.compute_button.show_target(target)
 
 
 class SimilarityTab(PinChooser):
