@@ -21,7 +21,6 @@ from .io.write import write_eigenpairs as write_eigenpairs
 from .io.write import write_features as write_features
 from .io.write import write_map_spectrum as write_map_spectrum
 from .io.write_labels import write_labels as write_labels
-from .io.write_labels import write_regions as write_regions
 from .mesh import Mesh as Mesh
 from .mesh import mesh_to_poly as mesh_to_poly
 from .surface.curvature import gaussian_curvature as gaussian_curvature

@@ -31,7 +31,7 @@ def write_regions(path: str | Path, table: Regions, meta: dict[str, Any] | None 
     Examples
     --------
     >>> cap = mv.regions(ball, ball.vertices[:, 2] > 0.5, neck=False)
-    >>> mv.write_regions(folder / "cap.csv", cap)
+    >>> write_regions(folder / "cap.csv", cap)
     >>> (folder / "cap.csv").read_text().splitlines()[0]
     '"label","part","vertices","area","volume","loops","extent","x","y","z","unit"'
     """

@@ -56,7 +56,8 @@ class GeodesicSolver:
         `InputError` is raised if the vertex does not exist.
         """
         found, places = self.nearest([vertex]), self.mesh.vertices
-        return np.maximum(found, np.linalg.norm(places - places[vertex], axis=1))
+        straight = np.linalg.norm(places - places[vertex], axis=1)
+        return np.maximum(found, straight, out=found)
 
     def nearest(self, vertices: npt.ArrayLike) -> FloatArray:
         """Compute the distance of each vertex from the nearest of some vertices, shape (n,).
