@@ -57,7 +57,8 @@ class GeodesicSolver:
         """
         found, places = self.nearest([vertex]), self.mesh.vertices
         straight = np.linalg.norm(places - places[vertex], axis=1)
-        return np.maximum(found, straight, out=found)
+        np.maximum(found, straight, out=found)
+        return found
 
     def nearest(self, vertices: npt.ArrayLike) -> FloatArray:
         """Compute the distance of each vertex from the nearest of some vertices, shape (n,).
