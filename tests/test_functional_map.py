@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +14,9 @@ from scipy.spatial import KDTree
 from tiers import slow, slow_but
 
 import meshmash_viewer as mv
+from meshmash_viewer.features.comparison import comparison_remarks
 from meshmash_viewer.features.functional_map import FunctionalMap
+from meshmash_viewer.features.shape import Matches
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.samples import sample_path
 from meshmash_viewer.spectral.eigensolver import Decomposition
@@ -237,3 +240,93 @@ def test_what_cannot_be_mapped_is_refused() -> None:
             call()
     with pytest.raises(Cancelled):
         mv.zoomout(pairs, pairs, start, cancel=lambda: True)
+
+
+def with_island(mesh: mv.Mesh) -> mv.Mesh:
+    """Return a mesh with an island of three vertices, numbered last."""
+    edge = np.linalg.norm(mesh.vertices[mesh.faces[0, 0]] - mesh.vertices[mesh.faces[0, 1]])
+    island = mesh.vertices.max(axis=0) + edge * np.array([[1, 0, 0], [2, 0, 0], [1, 1, 0]])
+    faces = [[mesh.n_vertices + at for at in range(3)]]
+    return mv.Mesh(np.vstack([mesh.vertices, island]), np.vstack([mesh.faces, faces]))
+
+
+@pytest.mark.parametrize("on", ["first", "second", "both"])
+def test_an_island_of_three_vertices_changes_no_other_match(on: str) -> None:
+    bent, there = shapes.moved_copy(mv.Mesh(ODD.vertices * [1.1, 0.95, 1.0], ODD.faces))
+
+    def matched(mesh: mv.Mesh, other: mv.Mesh) -> np.ndarray:
+        pairs = pairs_of(mesh, 40), pairs_of(other, 40)
+        found = mv.compare_shapes(*pairs, refine=True, meshes=(mesh, other))
+        assert found.doubt == ""
+        assert (found.forth.indices[ODD.n_vertices :] == -1).all()
+        return found.forth.indices[: ODD.n_vertices]
+
+    plain = matched(ODD, bent)
+    island = matched(
+        ODD if on == "second" else with_island(ODD), bent if on == "first" else with_island(bent)
+    )
+    places = ODD.vertices[np.argsort(there)]
+    away = np.linalg.norm(places[plain] - places[island], axis=1) / np.sqrt(ODD.area)
+    assert np.mean(plain == there) > 0.5
+    assert away.mean() < 0.02
+
+
+@pytest.mark.parametrize("columns", [12, 32, 100])
+@pytest.mark.parametrize("count", [60, 200])
+def test_broad_bands_of_many_pairs_determine_the_map(columns: int, count: int) -> None:
+    mesh = shapes.blob(3)
+    copy, there = shapes.moved_copy(mv.Mesh(mesh.vertices * [1.0, 1.05, 1.1], mesh.faces))
+    first, second = pairs_of(mesh, count), pairs_of(copy, count)
+    bank = mv.wave_kernel_bank(first.eigenvalues * first.mass.sum(), columns)
+    found = mv.compare_shapes(first, second, bank, refine=True, meshes=(mesh, copy))
+    assert found.functional is not None
+    assert found.functional.determined == 1.0
+    assert np.mean(found.forth.indices == there) > 0.5
+
+
+def test_a_match_in_doubt_is_said_and_not_carried() -> None:
+    ball = shapes.icosphere(3)
+    pairs = pairs_of(ball, 40)
+    height = mv.VertexMap("height", ball.vertices[:, 2])
+    with pytest.warns(mv.MeshWarning, match="equally good"):
+        found = mv.compare_shapes(pairs, pairs, refine=True)
+    with pytest.raises(mv.InputError, match="equally good"):
+        found.carried([height])
+    with pytest.raises(mv.InputError, match="equally good"):
+        found.functional.carry(height.values)
+    few = replace(
+        mv.compare_shapes(pairs, pairs, vertices=np.arange(642)),
+        given=False,
+        forth=Matches.of(642, np.arange(642), np.arange(642) % 60, np.zeros(642)),
+    )
+    assert few.doubt == "642 vertices match only 60 vertices of the other"
+    with pytest.raises(mv.InputError, match="only 60"):
+        few.carried([height])
+    assert replace(few, given=True).carried([height])
+
+
+def test_no_remedy_is_repeated() -> None:
+    ball = shapes.icosphere(3)
+    pairs, points = pairs_of(ball, 40), [[0, 0], [1, 1], [5, 5]]
+    for refine in (False, True):
+        for marks in ([], points) if refine else ([],):
+            found = mv.compare_shapes(pairs, pairs, refine=refine, landmarks=marks, warn=False)
+            found = replace(
+                found, forth=Matches.of(642, np.arange(642), np.arange(642) % 60, np.zeros(642))
+            )
+            said = " ".join(comparison_remarks(ball, ball, found=found))
+            assert ("by ZoomOut" in said) is not refine
+            assert ("pin at least three" in said) is not bool(marks)
+            assert "not carried" in said
+
+
+def test_a_match_by_index_includes_vertices_outside_of_the_mask() -> None:
+    mesh = shapes.blob(3)
+    half = mesh.masked(mesh.vertices[:, 2] > 0.0)
+    found = mv.compare_shapes(
+        pairs_of(half, 20), pairs_of(mesh, 20), vertices=mv.corresponding_vertices(half, mesh)
+    )
+    label = mv.VertexMap("label", np.arange(642.0))
+    carried, score = found.carried([label])
+    np.testing.assert_array_equal(carried.values, label.values)
+    assert np.isnan(score.values[mesh.vertices[:, 2] < -0.2]).all()

@@ -7,6 +7,7 @@ features are computed for the shapes scaled to an area of 1.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -14,9 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.features.functional_map import (
+    AMBIGUOUS,
+    MATCHED_COLUMNS,
     FunctionalMap,
     functional_map,
     inverse_matches,
@@ -36,10 +39,10 @@ from meshmash_viewer.vertex_map import VertexMap
 _SAME = 0.5
 #: Relative difference up to which eigenvalues are equal.
 _ROUNDING = 1e-6
-#: Number of energies of the default signature.
-_ENERGIES = 100
 #: Share of matched eigenfunctions below which a remark suggests ZoomOut.
 _FEW = 0.5
+#: Number of landmarks that a remark asks for.
+_LANDMARKS = 3
 #: Minimum number of nonzero eigenvalues for a comparison.
 _FEWEST = 3
 #: Name of the map of scores.
@@ -139,6 +142,21 @@ class Comparison:
         return float(self.mutual.sum() / max(np.count_nonzero(self.forth.indices >= 0), 1))
 
     @property
+    def doubt(self) -> str:
+        """Reason not to use the match of vertices, which is then not carried; "" for none.
+
+        The functional map is ambiguous (`FunctionalMap.determined` below ⅔), or the vertices of the
+        first match fewer different vertices of the second than a tenth of each shape.
+        """
+        if self.given:
+            return ""
+        if self.functional is not None and self.functional.ambiguous:
+            return AMBIGUOUS
+        n_first, n_second = (int((each.indices >= 0).sum()) for each in (self.forth, self.back))
+        forth, back = self.forth.collapse(n_second), self.back.collapse(n_first)
+        return forth or (f"of the second, {back}" if back else "")
+
+    @property
     def is_moved_copy(self) -> bool:
         """Whether the second is a moved, scaled copy, matched by position."""
         return self.functional is not None and self.functional.rigid is not None
@@ -147,6 +165,7 @@ class Comparison:
         """Carry maps of the second to the first or, with `back`, maps of the first to the second.
 
         Each vertex gets the value or label of its match; without a match, NaN or no label.
+        `InputError` is raised if the match is in `doubt`.
 
         Parameters
         ----------
@@ -167,6 +186,8 @@ class Comparison:
         >>> score.name, float(score.values.max())
         ('match score', 0.0)
         """
+        if self.doubt:
+            raise InputError(f"Nothing is carried by this match: {self.doubt}.")
         matches = self.back if back else self.forth
         at, missing = matches.indices, matches.indices < 0
         carried = []
@@ -259,16 +280,24 @@ def comparison_remarks(
         )
     if found is None or found.given:
         return remarks
+    refined, marks = found.functional is not None, 0
+    if found.functional is not None:
+        marks = found.functional.n_landmarks
+    # only remedies that were not applied
+    remedies = [set_landmarks] if marks < _LANDMARKS else []
+    remedies += [] if refined else [refine]
+    remedy = ", and ".join(remedies) or "match in another feature, or with more landmarks"
     sides = {brain_side(mesh.structure, mesh.name) for mesh in (first, second)}
-    if sides == {"left", "right"} and (found.functional is None or found.functional.ambiguous):
+    if sides == {"left", "right"} and not marks and (not refined or found.doubt):
         remarks.append(
             "the meshes are a left and a right hemisphere, whose folds differ, so a match without"
-            f" landmarks is unreliable: {set_landmarks}, and {refine}."
+            f" landmarks is unreliable: {remedy}."
         )
         return remarks
+    if found.doubt:
+        return [*remarks, f"{found.doubt}, so the match is not carried: {remedy}."]
     if found.functional is not None:
-        remark = found.functional.remark.replace("set landmarks", set_landmarks)
-        return [*remarks, remark] if remark else remarks
+        return [*remarks, found.functional.remark] if found.functional.remark else remarks
     n_matched, total = int(found.functions.determined.sum()), len(found.functions.indices)
     if n_matched < _FEW * total:
         remarks.append(
@@ -352,6 +381,7 @@ def compare_shapes(
     refine: bool = False,
     landmarks: npt.ArrayLike = (),
     meshes: tuple[MeshLike, MeshLike] | None = None,
+    warn: bool = True,
 ) -> Comparison:
     """Compare two shapes by their eigenpairs.
 
@@ -377,6 +407,8 @@ def compare_shapes(
     meshes : tuple of two MeshLike, optional
         With `refine`: the two meshes, so that left and right are distinguished by the orientation
         of faces, and a moved, scaled copy is matched by position.
+    warn : bool
+        Whether a match in doubt (`Comparison.doubt`) causes a `MeshWarning`.
 
     Returns
     -------
@@ -403,7 +435,7 @@ def compare_shapes(
     count = min(len(first.eigenvalues), len(second.eigenvalues))
     spectra = unit_area_spectrum(first)[:count], unit_area_spectrum(second)[:count]
     if bank is None:
-        bank = wave_kernel_bank(spectra[0], _ENERGIES)
+        bank = wave_kernel_bank(spectra[0], MATCHED_COLUMNS)
     # rounding may move the last eigenvalue outside of all bands
     top = spectra[0][-1]
     forth_features, back_features = (
@@ -433,7 +465,7 @@ def compare_shapes(
     found = forth.indices >= 0
     mutual = np.zeros(len(found), dtype=np.bool_)
     mutual[found] = back.indices[forth.indices[found]] == np.flatnonzero(found)
-    return Comparison(
+    result = Comparison(
         spectra,
         float(np.linalg.norm(spectra[0] - spectra[1])),
         forth,
@@ -444,13 +476,21 @@ def compare_shapes(
         given=vertices is not None,
         functional=functional,
     )
+    if warn and result.doubt:
+        warnings.warn(f"The match is unreliable: {result.doubt}.", MeshWarning, stacklevel=2)
+    return result
 
 
 def _given_matches(indices: IntArray, mine: FloatArray, others: FloatArray) -> Matches:
-    """Return known matches, with the distances of their features as scores."""
+    """Return known matches, with the distances of their features as scores.
+
+    Scores are NaN outside of a mask, where there are no features.
+    """
     scores = np.linalg.norm(mine - others[indices], axis=1)
     rows = np.flatnonzero((indices >= 0) & np.isfinite(scores))
-    return Matches.of(len(indices), rows, indices[rows], scores[rows])
+    found = Matches.of(len(indices), rows, indices[rows], scores[rows])
+    found.indices[:] = indices
+    return found
 
 
 def _checked_vertices(vertices: npt.ArrayLike, first: Eigenpairs, second: Eigenpairs) -> IntArray:

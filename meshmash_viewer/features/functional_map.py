@@ -39,15 +39,27 @@ from meshmash_viewer.features.shape import Matches
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike, as_two_eigenpairs
+from meshmash_viewer.spectral.eigenpairs import (
+    Eigenpairs,
+    EigenpairsLike,
+    as_two_eigenpairs,
+    first_nonzero,
+)
 
 #: Number of eigenfunctions of each shape in the first map, and in the refined map.
 _FIRST, _LAST = 30, 150
 #: Eigenfunctions added in a step of the refinement.
 _STEP = 10
-#: Number of energies of the default descriptors, and number of descriptors whose multiplication
-#: commutes with the map.
-_ENERGIES, _PRODUCTS = 100, 10
+#: Number of columns of the features that shapes are matched by, if none is given.
+MATCHED_COLUMNS = 100
+#: Number of descriptors whose multiplication commutes with the map.
+_PRODUCTS = 10
+#: Number of functions of the first map if there are fewer descriptors than that.
+_LEAST = 10
+#: Deviation of a descriptor, relative to its norm, below which it is constant but for rounding.
+_CONSTANT = 1e-3
+#: Area of a component, relative to the shape, below which it is left out.
+_DEBRIS = 0.01
 #: Weights of the commutators with Laplacians and with descriptors, relative to the descriptors.
 _LAPLACIANS, _COMMUTATORS = 1.0, 0.3
 #: Ratio of residuals below which the map that reverses orientation replaces the map that preserves
@@ -56,6 +68,10 @@ _MIRRORED = 0.8
 #: Singular value of the first map below which a function is undetermined, and share of determined
 #: functions below which the map is ambiguous: a symmetry of order 2 determines a half.
 _UNDETERMINED, _AMBIGUOUS = 0.25, 0.67
+#: Reason for an ambiguous map.
+AMBIGUOUS = (
+    "several matches are equally good, as on a shape with a symmetry, or the shapes differ much"
+)
 #: Enclosed volume, relative to a ball of the same area, above which faces are oriented outward.
 _SOLID = 0.01
 #: Number of vertices of the first shape used in the refinement, and of vertices matched at a time.
@@ -85,6 +101,8 @@ class FunctionalMap:
     rigid : ndarray of float64, shape (4, 4), optional
         Similarity transform from positions of the first to the second, if the shapes are copies
         up to noise. The matches are then the nearest positions.
+    n_landmarks : int
+        Number of landmarks that the map was estimated from.
 
     Examples
     --------
@@ -100,6 +118,7 @@ class FunctionalMap:
     mirrored: bool = False
     determined: float = 1.0
     rigid: FloatArray | None = None
+    n_landmarks: int = 0
 
     @property
     def ambiguous(self) -> bool:
@@ -110,19 +129,19 @@ class FunctionalMap:
     def remark(self) -> str:
         """Warning about the map; "" for none."""
         if self.ambiguous:
-            return (
-                "several matches are equally good, as on a shape with a symmetry, or the shapes"
-                " differ much: set landmarks."
-            )
+            return f"{AMBIGUOUS}: set {'more ' if self.n_landmarks else ''}landmarks."
         return "the match reverses left and right, as in a mirror image." if self.mirrored else ""
 
     def carry(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
         """Carry values at the vertices of the second shape, shape (m,) or (m, f), to the first.
 
         The result, shape (n,) or (n, f), is NaN at vertices without a match, or -1 for integers.
-        `InputError` is raised if there are fewer rows than vertices.
+        `InputError` is raised if there are fewer rows than vertices, or the map is `ambiguous` or
+        has too few different matches (`Matches.collapse`).
         """
         given, at = np.asarray(values), self.matches.indices
+        if doubt := AMBIGUOUS if self.ambiguous else self.matches.collapse(len(given)):
+            raise InputError(f"Nothing is carried by this match: {doubt}.")
         if not len(given) > at.max(initial=-1):
             raise InputError(f"There are {len(given):,} values for more vertices.")
         carried, missing = given[at], np.nan
@@ -136,6 +155,7 @@ class FunctionalMap:
 class _Shape(Placed):
     """Eigenpairs of a shape scaled to an area of 1, at its vertices with mass.
 
+    Components of less than a hundredth of the area, and their eigenfunctions, are left out.
     Faces are oriented outward; without a mesh, there are neither positions nor faces.
     """
 
@@ -148,7 +168,16 @@ class _Shape(Placed):
     @classmethod
     def of(cls, pairs: Eigenpairs, count: int, mesh: Mesh | None) -> _Shape:
         used, area = np.flatnonzero(pairs.mass > 0.0), float(pairs.mass.sum())
-        rows = np.asarray(pairs.rows[:count], dtype=np.float64)[:, used]
+        mass, eigenvalues = pairs.mass[used], pairs.eigenvalues
+        null = np.asarray(pairs.rows[: first_nonzero(pairs)], dtype=np.float64)[:, used]
+        # the squares of null vectors add up to one over the area of the component
+        kept = np.square(null).sum(axis=0) * _DEBRIS * area < 1.0
+        if kept.all() or not 2.0 * mass[kept].sum() > area:
+            rows = np.asarray(pairs.rows[:count], dtype=np.float64)[:, used]
+        else:
+            rows = np.asarray(pairs.rows[: len(eigenvalues)], dtype=np.float64)[:, used[kept]]
+            used, mass = used[kept], mass[kept]
+            rows, eigenvalues = _restricted(rows, eigenvalues, len(null), mass)
         positions, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
         if mesh is not None:
             if mesh.n_vertices != len(pairs.mass):
@@ -163,9 +192,20 @@ class _Shape(Placed):
             corners = (positions - positions.mean(axis=0))[faces]
             if np.linalg.det(corners).sum() < -_SOLID * area**1.5 / np.sqrt(np.pi):
                 faces = faces[:, ::-1]
-        functions = np.ascontiguousarray(rows.T) * np.sqrt(area)
-        scaled = pairs.eigenvalues[:count] * area, functions, pairs.mass[used] / area
+        functions = np.ascontiguousarray(rows[:count].T) * np.sqrt(area)
+        scaled = eigenvalues[:count] * area, functions, mass / area
         return cls(positions, faces, area, *scaled, used, len(pairs.mass))
+
+    def standardized(self, values: FloatArray) -> FloatArray:
+        """Return columns, shape (n, f), without their means, divided by their deviations.
+
+        Means say nothing about the correspondence, and would outweigh the rest.
+        """
+        norms = np.sqrt(np.square(values).T @ self.mass)
+        centred = values - self.mass @ values / self.mass.sum()
+        deviations = np.sqrt(np.square(centred).T @ self.mass)
+        scales = np.maximum(deviations, _CONSTANT * norms)
+        return np.asarray(centred / np.where(scales > 0.0, scales, 1.0))
 
     def sampled(self) -> IntArray | slice:
         """Return up to 6,000 random vertices, with probabilities proportional to area."""
@@ -220,7 +260,8 @@ def functional_map(
         Corresponding vertices of the first and the second. Without landmarks and `meshes`, a
         symmetric shape may be matched to its mirror image.
     n_functions : int
-        Number of eigenfunctions of each shape; fewer if a shape has fewer.
+        Largest number of eigenfunctions of each shape. No more than descriptors are used, but up to
+        10 with few descriptors; fewer if a shape has fewer.
     meshes : tuple of two MeshLike, optional
         The two meshes. The map preserves their orientation, unless a map that reverses it fits
         better (`FunctionalMap.mirrored`), as for a left and a right hemisphere.
@@ -235,28 +276,31 @@ def functional_map(
     """
     first, second = as_two_eigenpairs("functional_map(first, second)", first, second, meshes)
     known = min(len(first.eigenvalues), len(second.eigenvalues))
+    shapes = _shapes_of(first, second, known, meshes)
+    known = len(shapes[0].eigenvalues)
     count = min(n_functions, known)
     if count < 2:
         raise InputError("A functional map takes at least two eigenpairs of each shape.")
-    shapes = _shapes_of(first, second, known, meshes)
     if bank is None:
-        bank = wave_kernel_bank(shapes[0].eigenvalues, _ENERGIES)
+        bank = wave_kernel_bank(shapes[0].eigenvalues, MATCHED_COLUMNS)
     top, step = shapes[0].eigenvalues[-1], max(bank.n_filters // _PRODUCTS, 1)
-    descriptors, products, orientations = [], [], []
-    for shape, points in zip(shapes, _checked(landmarks, first, second), strict=True):
+    joined = []
+    for shape, points in zip(shapes, _checked(landmarks, *shapes), strict=True):
         heights = bank(np.minimum(shape.eigenvalues, top))
         features = accumulate_features(shape.functions.T, heights)
         # kernels of some filters, centred at each landmark
         around = shape.functions[np.searchsorted(shape.vertices, points)]
         kernels = shape.functions @ (heights[::step] * around[:, None]).reshape(-1, known).T
-        joined = np.hstack([features, kernels])
-        norms = np.sqrt(np.square(joined).T @ shape.mass)
-        joined /= np.where(norms > 0.0, norms, 1.0)
-        descriptors.append(shape.coefficients(joined, count))
-        some = joined[:, ::step].T
-        products.append(np.stack([shape.product(each, count) for each in some]))
-        orientations.append(np.stack([shape.orientation(each, count) for each in some]))
-    mine, other = descriptors
+        joined.append(shape.standardized(np.hstack([features, kernels])))
+    both = list(zip(shapes, joined, strict=True))
+    # more functions than descriptors would follow from the penalties alone
+    count = min(count, max(joined[0].shape[1], _LEAST))
+    mine, other = (shape.coefficients(each, count) for shape, each in both)
+    products, orientations = [], []
+    for shape, each in both:
+        some = each[:, ::step].T
+        products.append(np.stack([shape.product(values, count) for values in some]))
+        orientations.append(np.stack([shape.orientation(values, count) for values in some]))
     # normal equations for the entries of C, row by row
     normal = np.kron(np.eye(count), other @ other.T)
     gaps = np.square(np.subtract.outer(*(shape.eigenvalues[:count] for shape in shapes)))
@@ -276,7 +320,8 @@ def functional_map(
     matrix = found[mirrored][0]
     share = np.mean(scipy.linalg.svdvals(matrix) > _UNDETERMINED)
     result = _with_matches(matrix, *shapes, cancel=None)
-    return replace(result, mirrored=mirrored, determined=float(share))
+    marks = len(np.asarray(landmarks))
+    return replace(result, mirrored=mirrored, determined=float(share), n_landmarks=marks)
 
 
 def zoomout(
@@ -319,8 +364,8 @@ def zoomout(
     first, second = as_two_eigenpairs("zoomout(first, second, start)", first, second, meshes)
     if step < 1:
         raise InputError(f"step is {step}: give at least 1.")
-    last = min(n_functions, len(first.eigenvalues), len(second.eigenvalues))
-    first_shape, second_shape = whole = _shapes_of(first, second, last, meshes)
+    first_shape, second_shape = whole = _shapes_of(first, second, n_functions, meshes)
+    last = len(first_shape.eigenvalues)
     some = first_shape.sampled()
     here, there = first_shape.functions[some], second_shape.functions
     matrix, count = start.matrix[:last, :last], min(*start.matrix.shape, last)
@@ -344,7 +389,7 @@ def zoomout(
         rigid, near, distances = copy
         matrix = scipy.linalg.lstsq(here.T @ here, here.T @ there[near[some]])[0]
         found = FunctionalMap(matrix, _matches(*whole, near, distances), rigid=rigid)
-    return replace(found, mirrored=start.mirrored, determined=start.determined)
+    return replace(start, matrix=found.matrix, matches=found.matches, rigid=found.rigid)
 
 
 def inverse_matches(
@@ -365,7 +410,30 @@ def _shapes_of(
     first: Eigenpairs, second: Eigenpairs, count: int, meshes: tuple[MeshLike, MeshLike] | None
 ) -> tuple[_Shape, _Shape]:
     here, there = (None, None) if meshes is None else (as_mesh(each) for each in meshes)
-    return _Shape.of(first, count, here), _Shape.of(second, count, there)
+    both = _Shape.of(first, count, here), _Shape.of(second, count, there)
+    least = min(len(each.eigenvalues) for each in both)
+    one, other = (
+        replace(each, eigenvalues=each.eigenvalues[:least], functions=each.functions[:, :least])
+        for each in both
+    )
+    return one, other
+
+
+def _restricted(
+    rows: FloatArray, eigenvalues: FloatArray, n_null: int, mass: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the eigenpairs of some components of a shape, with the first `n_null` zero.
+
+    `rows`, shape (k, n), are the eigenvectors of the whole shape at the n vertices of these
+    components.
+    """
+    _, norms, null = scipy.linalg.svd(rows[:n_null] * np.sqrt(mass), full_matrices=False)
+    null = null[norms > np.sqrt(0.5)] / np.sqrt(mass)
+    share = np.square(rows[n_null:]) @ mass
+    ours = share > 0.5
+    others = rows[n_null:][ours] / np.sqrt(share[ours])[:, None]
+    values = np.concatenate([np.zeros(len(null)), eigenvalues[n_null : len(rows)][ours]])
+    return np.concatenate([null, others]), values
 
 
 def _commutators(here: FloatArray, there: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -381,20 +449,19 @@ def _commutators(here: FloatArray, there: FloatArray) -> tuple[FloatArray, Float
     return weight * squares, weight * (both + both.T)
 
 
-def _checked(
-    landmarks: npt.ArrayLike, first: Eigenpairs, second: Eigenpairs
-) -> tuple[IntArray, IntArray]:
-    """Return the landmarks of each shape; raise `InputError` unless all are vertices with mass."""
+def _checked(landmarks: npt.ArrayLike, first: _Shape, second: _Shape) -> tuple[IntArray, IntArray]:
+    """Return the landmarks of each shape; raise `InputError` unless all are its vertices."""
     points = np.asarray(landmarks)
     if not points.size:
         points = np.empty((0, 2), dtype=np.int64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.issubdtype(points.dtype, np.integer):
         raise InputError("Landmarks are pairs of vertices, of the first and of the second.")
-    for pairs, column in zip((first, second), points.T, strict=True):
-        bad = np.setdiff1d(column, np.flatnonzero(pairs.mass > 0.0))
+    for shape, column in zip((first, second), points.T, strict=True):
+        bad = np.setdiff1d(column, shape.vertices)
         if len(bad):
             raise InputError(
-                f"Vertex {bad[0]} cannot be a landmark: it does not exist, or no face uses it."
+                f"Vertex {bad[0]} cannot be a landmark: it does not exist, no face uses it, or it"
+                " is in a component of less than a hundredth of the area."
             )
     return points[:, 0], points[:, 1]
 

@@ -28,6 +28,8 @@ FeaturesLike: TypeAlias = Any
 _AT_ONCE = 4096
 #: Pairs added at a time: some hundredths of a second for a million vertices.
 _STEP = 8
+#: Share of different matches below which a match has collapsed.
+_COLLAPSED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,17 @@ class Matches:
         # not "<": perfect matches, with scores of 0, are confident
         found.confident[rows] = scores <= np.quantile(scores, quantile)
         return found
+
+    def collapse(self, n_others: int) -> str:
+        """Describe a match to fewer different vertices than a tenth of each shape; "" if not.
+
+        `n_others` is the number of vertices of the other shape.
+        """
+        at = self.indices[self.indices >= 0]
+        targets = len(np.unique(at))
+        if targets >= _COLLAPSED * min(len(at), n_others):
+            return ""
+        return f"{counted(len(at), 'vertex')} match only {counted(targets, 'vertex')} of the other"
 
 
 class Reconstruction:
