@@ -72,7 +72,7 @@ def test_the_remedy_of_an_ambiguous_match_is_one_of_the_command_line(
     write_mesh("T.ply", shapes.icosphere(1))
     arguments = ["carry", "S.ply", "T.ply", "--map", "S.npy", "-o", "s.csv", "--count", "30"]
     np.save("S.npy", np.arange(162.0))
-    assert main(arguments) == 0
+    assert main(arguments) == 2
     assert "match them in the window, with pins on both" in capsys.readouterr().err
 
 

@@ -303,6 +303,20 @@ def prepared(mesh: Mesh, options: Namespace) -> Mesh:
     return mesh if options.mask is None else mesh.masked(read_mask(options.mask, mesh))
 
 
+def masked_options(options: Namespace) -> list[Namespace]:
+    """Return the options for each mesh, with its own mask; "-" is the whole mesh.
+
+    `InputError` is raised unless there are as many masks as meshes, or none.
+    """
+    masks, count = options.mask or ["-"] * len(options.mesh), len(options.mesh)
+    if len(masks) != count:
+        raise InputError(
+            f"{counted(len(masks), 'mask')} for {count} meshes: give each mesh its own, in"
+            " their order, and - for a whole mesh."
+        )
+    return [Namespace(**{**vars(options), "mask": None if m == "-" else m}) for m in masks]
+
+
 def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
     """Add the maps in files to a mesh."""
     for path in paths:

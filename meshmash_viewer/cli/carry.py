@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 
 from meshmash_viewer.cli.arguments import in_unit, made_with
-from meshmash_viewer.cli.batch import Report, for_each, prepared, read, solved, with_maps
+from meshmash_viewer.cli.batch import (
+    Report,
+    for_each,
+    masked_options,
+    prepared,
+    read,
+    solved,
+    with_maps,
+)
 from meshmash_viewer.cli.outputs import map_outputs, output_remarks, write_maps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
@@ -37,20 +45,30 @@ def carry(options: Namespace) -> int:
 
 
 def _carry_to(outputs: list[Path], options: Namespace) -> int:
-    first = prepared(read(options.mesh[0], options), options)
+    own_of = masked_options(options)
+    first = prepared(read(options.mesh[0], options), own_of[0])
     maps = _maps_of(first, options)
-    pairs = solved(first, in_unit(options, first.unit), options.target)
+    pairs = solved(first, in_unit(own_of[0], first.unit), options.target)
     check_comparable(first.name, first.n_vertices, pairs.eigenvalues)
 
     def work(raw: Mesh, at: int, own: Namespace) -> Report:
+        own.mask = own_of[at + 1].mask
         mesh = prepared(raw, own)
         top = matched_top(pairs, mesh.area)
         found = solved(mesh, own, Target("max_eigenvalue", top) if top > 0.0 else own.target)
         check_comparable(mesh.name, mesh.n_vertices, found.eigenvalues)
         matched = compare_shapes(
             found, pairs, vertices=corresponding_vertices(mesh, first), refine=True,
-            meshes=(mesh, first),
+            meshes=(mesh, first), warn=False,
         )  # fmt: skip
+        remarks = comparison_remarks(
+            mesh,
+            first,
+            found=matched,
+            set_landmarks="match them in the window, with pins on both",
+        )
+        if matched.doubt:
+            raise InputError("; ".join(remarks))
         proof = f"{found.proof(mesh.unit)}; {pairs.proof(first.unit)}"
         made = made_with(own, "carried maps", own.target, proof)
         made["carried_from"] = {"mesh": first.name, "hash": first.content_hash}
@@ -63,13 +81,7 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
             "same_vertices": matched.given,
             "mutual_share": matched.mutual_share,
             "median_score": float(np.nanmedian(matched.forth.scores)),
-            "remarks": comparison_remarks(
-                mesh,
-                first,
-                found=matched,
-                set_landmarks="match them in the window, with pins on both",
-            )
-            + output_remarks(outputs[at], mesh),
+            "remarks": remarks + output_remarks(outputs[at], mesh),
         }
         mutual = f"{format_share(matched.mutual_share)} of the vertices matched mutually"
         how = "by index: the faces are the same" if matched.given else mutual

@@ -14,6 +14,7 @@ from meshmash_viewer.cli.batch import (
     Report,
     finite,
     for_each,
+    masked_options,
     pairs_report,
     prepared,
     print_report,
@@ -32,6 +33,7 @@ from meshmash_viewer.features.comparison import (
     matched_top,
     unit_area_spectrum,
 )
+from meshmash_viewer.features.functional_map import MATCHED_COLUMNS
 from meshmash_viewer.features.regions import regions as measured_regions
 from meshmash_viewer.features.shape import low_pass_vertices
 from meshmash_viewer.fields import FEATURES
@@ -166,24 +168,25 @@ def compare(options: Namespace) -> int:
         raise InputError("--landmark is used by --refine alone: give --refine, too.")
     began, target = time.perf_counter(), options.target
     family = next(each for each in FEATURES.values() if each.export == options.kind).exported(
-        options.n_components
+        options.n_components or MATCHED_COLUMNS
     )
     read_as = [read(path, options) for path in options.mesh]
-    meshes = [prepared(mesh, options) for mesh in read_as]
+    own = masked_options(options)
+    meshes = [prepared(*each) for each in zip(read_as, own, strict=True)]
     landmarks = [
         [mesh.vertex_of(vertex) for mesh, vertex in zip(meshes, each, strict=True)]
         for each in options.landmark
     ]
-    first = solved(meshes[0], options, target)
+    first = solved(meshes[0], own[0], target)
     # the second mesh is solved up to the same eigenvalue times area
     top = matched_top(first, meshes[1].area)
-    second = solved(meshes[1], options, Target("max_eigenvalue", top) if top > 0.0 else target)
+    second = solved(meshes[1], own[1], Target("max_eigenvalue", top) if top > 0.0 else target)
     for mesh, pairs in zip(meshes, (first, second), strict=True):
         check_comparable(mesh.name, mesh.n_vertices, pairs.eigenvalues)
     bank, vertices = family.bank(unit_area_spectrum(first)), corresponding_vertices(*meshes)
     found = compare_shapes(
         first, second, bank, vertices=vertices, refine=options.refine, landmarks=landmarks,
-        meshes=(meshes[0], meshes[1]),
+        meshes=(meshes[0], meshes[1]), warn=False,
     )  # fmt: skip
     report: dict[str, Any] = {
         "meshes": [mesh.name for mesh in meshes],
@@ -197,6 +200,7 @@ def compare(options: Namespace) -> int:
         "refined": found.functional is not None,
         "moved_copy": found.is_moved_copy,
         "mutual_share": found.mutual_share,
+        "reliable": not found.doubt,
         "median_score": float(np.nanmedian(found.forth.scores)),
         "eigenfunctions": [
             {
@@ -217,7 +221,9 @@ def compare(options: Namespace) -> int:
     }
     if options.output is not None:
         proof = f"{first.proof(meshes[0].unit)}; {second.proof(meshes[1].unit)}"
-        whole, made = options.whole_mesh, made_with(options, "match", target, proof)
+        whole, made = options.whole_mesh, made_with(own[0], "match", target, proof)
+        if own[1].mask is not None:
+            made["second_mask"] = own[1].mask
         made["matched_in"] = family.export
         if found.functional is not None:
             made["refined"] = {"landmarks": len(landmarks)}

@@ -62,6 +62,10 @@ class _Parser(argparse.ArgumentParser):
         self.exit(FAULT, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
+#: Help of `--mask` for commands in which every mesh has its own mask.
+_MASKS = "solve on a part of each mesh, FILE[:LABEL] as for info, or - for the whole"
+
+
 def window_parser() -> ArgumentParser:
     """Return the parser for the window: ``meshmash-viewer [MESH ...]``."""
     from meshmash_viewer import __version__
@@ -83,6 +87,7 @@ def window_parser() -> ArgumentParser:
 
 def command_parser() -> ArgumentParser:
     """Return the parser for the commands without a window."""
+    from meshmash_viewer.features.functional_map import MATCHED_COLUMNS
     from meshmash_viewer.fields import EXPORTS, FEATURES
     from meshmash_viewer.fields.table import SWEPT
     from meshmash_viewer.io.writers import MESH_WRITERS, SPECTRUM_WRITERS
@@ -100,7 +105,14 @@ def command_parser() -> ArgumentParser:
         )
         # checked after patterns are expanded
         made.set_defaults(n_meshes=n_meshes)
-        add_options(made, *_READING, "--repair", "--largest-component", "--mask")
+        add_options(made, *_READING, "--repair", "--largest-component")
+        if name == "compare":
+            add_options(made, "--mask", nargs=2, metavar=("A", "B"), help=f"{_MASKS}: --mask A B")
+        elif name == "carry":
+            about = f"{_MASKS}: --mask A --mask B …"
+            add_options(made, "--mask", action="append", help=about)
+        else:
+            add_options(made, "--mask")
         if name not in ("regions", "predict", "condense"):
             _add_target(made, automatic=name == "features")
         if name not in ("info", "regions", "condense"):
@@ -129,7 +141,8 @@ def command_parser() -> ArgumentParser:
     compare.add_argument(
         "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
     )
-    add_options(compare, "--n-components", help="number of columns")
+    about = f"number of columns, default {MATCHED_COLUMNS}"
+    add_options(compare, "--n-components", help=about)
     about = "file for the matches, one row for each vertex of the first mesh"
     _add_output(compare, "OUT", about, required=False)
     add_options(compare, "--refine", "--landmark", "--whole-mesh", "--structure")

@@ -21,6 +21,7 @@ from meshmash_viewer.features.comparison import (
     matched_top,
     unit_area_spectrum,
 )
+from meshmash_viewer.features.functional_map import MATCHED_COLUMNS
 from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.io.provenance import export_options
@@ -85,10 +86,12 @@ class ComparisonRequest:
         vertices = corresponding_vertices(first, second)
         if vertices is not None:
             other = replace(other, rows=self.second.rows)  # `compare_shapes` aligns the rows
-        bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
+        family = MATCHED_IN[self.matched_in].exported(MATCHED_COLUMNS)
+        bank = family.bank(unit_area_spectrum(mine))
         return compare_shapes(
             mine, other, bank, cancel, vertices,
             refine=self.refined, landmarks=self.landmarks, meshes=(first, second),
+            warn=False,
         )  # fmt: skip
 
 
@@ -110,11 +113,11 @@ class MatchedDocuments:
         self.carries = False
         #: The feature by which vertices are matched, a key of `MATCHED_IN`, and whether they are
         #: matched by a functional map, refined by ZoomOut. To change them, use `match_by`.
-        self.matched_in, self.refined = next(iter(MATCHED_IN)), False
+        self.matched_in, self.refined = "wks", False
         self._request: ComparisonRequest | None = None
         #: The request whose result is `comparison`.
         self._answered: ComparisonRequest | None = None
-        #: At the last solve of the second: eigenvectors of the first mesh, vertices of the second.
+        #: At the last solve of the second: eigenvectors of the first mesh, faces of the second.
         self._asked: tuple[Any, Any] = None, None
         #: By pin number: the vertex pinned by the user on the second mesh, as an index in its file.
         self._pinned: dict[int, int] = {}
@@ -155,13 +158,19 @@ class MatchedDocuments:
     @property
     def correspondence(self) -> Correspondence:
         """Correspondence of lengths; after a comparison also of vertices and eigenfunctions."""
-        mesh, other, known = self.first.mesh, self.second.mesh, self.comparison
-        if mesh is None or other is None or not mesh.area > 0.0:
+        mine, other, known = self.first.solved, self.second.solved, self.comparison
+        if mine is None or other is None or not mine.mesh.area > 0.0:
             return Correspondence()
-        length = math.sqrt(other.area / mesh.area)
+        length = math.sqrt(other.mesh.area / mine.mesh.area)
         if known is None:
             return Correspondence(length)
-        return Correspondence(length, known.forth.indices, known.functions)
+        vertices = None if known.doubt else known.forth.indices
+        return Correspondence(length, vertices, known.functions)
+
+    @property
+    def carried_from(self) -> Comparison | None:
+        """The comparison if its match can be carried (`Comparison.doubt`), else None."""
+        return None if self.comparison is None or self.comparison.doubt else self.comparison
 
     @property
     def comparing(self) -> bool:
@@ -258,13 +267,14 @@ class MatchedDocuments:
         self.changed.emit()
 
     def _decompose_second(self) -> None:
-        first, mesh = self.first.spectrum, self.second.mesh
+        first, solved = self.first.spectrum, self.second.solved
+        mesh = None if solved is None else solved.mesh
         busy = self.second.work.job is not None
         if first is None or not first.complete or mesh is None or busy:
             return
-        if first.rows is self._asked[0] and mesh.vertices is self._asked[1]:
+        if first.rows is self._asked[0] and mesh.faces is self._asked[1]:
             return  # requested before, and maybe cancelled by the user
-        self._asked = first.rows, mesh.vertices
+        self._asked = first.rows, mesh.faces
         mine, solve = self.first.solve, self.second.solve
         top = matched_top(_as_shown(first), mesh.area)
         solve.operator = mine.operator
@@ -285,11 +295,18 @@ class MatchedDocuments:
         )
 
     def pin_second(self, vertex: int) -> None:
-        """Pin a vertex of the second mesh and its best match, or remove both pins."""
+        """Pin a vertex of the second mesh and its best match, or remove both pins.
+
+        Without a match, the vertex corresponds to the first pin that the second mesh lacks.
+        """
         history, pins = self.first.history, self.first.pins
         self._before = history.past
         there = {pin.vertex: pin.number for pin in self.second.pins.placed}
-        match = -1 if self.comparison is None else int(self.comparison.back.indices[vertex])
+        known = self.carried_from
+        match = -1 if known is None else int(known.back.indices[vertex])
+        free = [each for each in pins.placed if each.number not in there.values()]
+        if match < 0 and free:  # landmarks of a match in doubt are set one by one
+            match = free[0].vertex
         if vertex in there:
             pins.toggle(next(p.vertex for p in pins.placed if p.number == there[vertex]))
         elif match >= 0:

@@ -151,7 +151,7 @@ class Pair(MatchedDocuments):
 
     def keep(self, field: Field) -> None:
         """Add a field of the first mesh, transferred by the match, to the maps of the second."""
-        other, found = self.second.mesh, self.comparison
+        other, found = self.second.mesh, self.carried_from
         if other is not None and found is not None:
             self.second.maps.add(other, [field.carried(found.back.indices).as_map()])
 
@@ -163,7 +163,7 @@ class Pair(MatchedDocuments):
         If families are linked, so does the first mesh.
         """
         source, target = (self.second, self.first) if to_first else (self.first, self.second)
-        found, here, there = self.comparison, source.mesh, target.mesh
+        found, here, there = self.carried_from, source.mesh, target.mesh
         if found is None or here is None or there is None:
             return
         carried = {id(each) for each in self.carried}
@@ -222,9 +222,9 @@ class Pair(MatchedDocuments):
             None if each mesh has its own limits, because the link is off, families, signs or units
             differ, or a field consists of labels.
         """
-        if self.carries and self.comparison is not None:
+        if self.carries and (found := self.carried_from) is not None:
             limits, _ = first.colors(self.first.display)
-            return first.carried(self.comparison.back.indices), limits
+            return first.carried(found.back.indices), limits
         key, display = first.family.limits_key, self.first.display
         if "colors" not in self.links or key != second.family.limits_key:
             return None

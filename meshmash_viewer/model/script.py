@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from meshmash_viewer.features.comparison import Correspondence
+from meshmash_viewer.features.functional_map import MATCHED_COLUMNS
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.links import shown_path
@@ -146,7 +147,8 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
     """
     first, second = request.spectrum, pair.second.spectrum
     assert second is not None
-    family = MATCHED_IN[pair.matched_in]().resolved(first, pair.first.display.fields)
+    family = MATCHED_IN[pair.matched_in].exported(MATCHED_COLUMNS)
+    family = family.resolved(first, pair.first.display.fields)
     bank = family.carried(
         Correspondence(1.0 / float(first.vertex_areas.sum()) ** 0.5)
     ).bank_script()

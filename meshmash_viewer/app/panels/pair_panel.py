@@ -283,9 +283,11 @@ class PairPanel(QWidget):
         self.matrix.setVisible(found is not None and found.functional is not None)
         if found is not None and found.functional is not None:
             self.matrix.show_matrix(found.functional.matrix)
-        self.carry_check.setEnabled(found is not None)
-        for control in (self.save_button, self.keep_button, *self.carry_buttons):
-            control.setEnabled(found is not None and not pair.comparing)  # not during a comparison
+        usable = pair.carried_from is not None
+        self.carry_check.setEnabled(usable)
+        self.save_button.setEnabled(found is not None and not pair.comparing)
+        for control in (self.keep_button, *self.carry_buttons):
+            control.setEnabled(usable and not pair.comparing)  # not during a comparison
         self.undo_button.setVisible(pair.second.undo_repair_steps > 0)
         for control in (self.map_button, self.export_button):
             control.setEnabled(other is not None)
@@ -328,7 +330,7 @@ class PairPanel(QWidget):
             remarks = comparison_remarks(
                 first.mesh, second.mesh, n_components=counts, found=pair.comparison
             )
-            if first.part is not None:
+            if first.part is not None and second.part is None:
                 remarks.append(
                     f"the first is computed on the mask {mask_text(first.part.mesh)}, the second on"
                     " the whole, which alone makes eigenvalues and features differ; compute the"
