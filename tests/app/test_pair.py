@@ -46,7 +46,6 @@ from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.picture import displayed_surface
 from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.model.limits import LockedLimits
@@ -107,7 +106,7 @@ def library(second: mv.Mesh) -> Comparison:
     top = float(unit_area_spectrum(first)[-1]) * (1.0 + 1e-9)
     matrices = mv.cotangent_laplacian(second, robust=True)
     other = mv.solve(*matrices, max_eigenvalue=top / second.area)
-    bank = HeatKernelSignature().bank(unit_area_spectrum(first))
+    bank = mv.wave_kernel_bank(unit_area_spectrum(first), 100)
     vertices = mv.corresponding_vertices(FIRST, second)
     return compare_shapes(first, other, bank, vertices=vertices)
 
@@ -778,11 +777,11 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     assert [pin.vertex for pin in opened.document.pins.placed] == [PLACE[100]]
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
     assert text(window, "pair_next_label").count("vertex") == 3
-    assert "of its HKS from that of pin 1" in text(window, "pair_match_note")
+    assert "of its WKS from that of pin 1" in text(window, "pair_match_note")
     combo = part(window, QComboBox, "pair_feature_combo")
     combo.setFocus()
     QTest.keyClick(combo, Qt.Key.Key_Down)
-    wait_for(lambda: opened.pair.matched_in != "hks" and opened.pair.comparison is not None)
+    wait_for(lambda: opened.pair.matched_in != "wks" and opened.pair.comparison is not None)
     rest(window)
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
     refine = part(window, QCheckBox, "pair_refine_check")

@@ -118,7 +118,7 @@ def test_both_are_solved_to_the_same_eigenvalue_times_area_and_compared(pair: Pa
         solve(*cotangent_laplacian(each.mesh, robust=True), COUNT)
         for each in (pair.first, pair.second)
     ]
-    bank = MATCHED_IN[pair.matched_in].exported().bank(found.spectra[0])
+    bank = MATCHED_IN[pair.matched_in].exported(100).bank(found.spectra[0])
     wanted = compare_shapes(*decompositions, bank)
     np.testing.assert_allclose(found.spectra, wanted.spectra, rtol=1e-6)
     np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
