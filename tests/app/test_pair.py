@@ -780,7 +780,7 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     assert "of its WKS from that of pin 1" in text(window, "pair_match_note")
     combo = part(window, QComboBox, "pair_feature_combo")
     combo.setFocus()
-    QTest.keyClick(combo, Qt.Key.Key_Down)
+    QTest.keyClick(combo, Qt.Key.Key_Up)
     wait_for(lambda: opened.pair.matched_in != "wks" and opened.pair.comparison is not None)
     rest(window)
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
