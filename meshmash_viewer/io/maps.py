@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.condensed import holds, labelled_domains
-from meshmash_viewer.io.formats.afni import afni_maps
 from meshmash_viewer.io.formats.brain import (
     freesurfer_annotation,
     freesurfer_kind,
@@ -38,7 +37,6 @@ _READERS: dict[str, Reader] = {
     ".txt": csv_maps,
     ".parquet": parquet_maps,
     ".1d": csv_maps,
-    ".dset": afni_maps,
     ".annot": freesurfer_annotation,
     ".label": freesurfer_label,
     ".mgh": mgh_maps,
@@ -88,10 +86,10 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     """Read values per vertex from a file; the format is given by the file's ending.
 
     Formats of maps are NPZ, NPY, CSV (also ``.txt``), Parquet, GIFTI (functional, shape and label
-    files), and those of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``) and
-    AFNI (``.1D``, ``.1D.dset``, ``.niml.dset``). From a mesh file, all values at its vertices are
-    read except coordinates. Condensed features, see `read_condensed_features`, become one map per
-    column, with the value of a domain at each of its vertices, and a label set of the domains.
+    files), those of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``), and
+    ``.1D``. From a mesh file, all values at its vertices are read except coordinates. Condensed
+    features, see `read_condensed_features`, become one map per column, with the value of a domain
+    at each of its vertices, and a label set of the domains.
 
     The maps have different names, and `VertexMap.path`; see `Mesh.with_maps`. `InputError` is
     raised if the file does not exist, does not have one value per vertex of the mesh, or cannot be

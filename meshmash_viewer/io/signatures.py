@@ -9,6 +9,8 @@ from pathlib import Path
 #: Number of bytes that are compared.
 _BEGINNING = 2_000
 _OF_ONE_SURFACE = "write the values of one surface as GIFTI, with wb_command -cifti-separate"
+#: Ending of datasets of AFNI, and what to do with them.
+_AFNI = ".dset", "is a dataset of AFNI; write it as GIFTI, with ConvertDset -o_gii"
 #: Pattern of the first bytes, kind of file, and the endings of this kind or a remedy.
 _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
     (rb"ply\s", "a PLY file", (".ply",)),
@@ -38,6 +40,8 @@ def misnamed(path: Path, ending: str) -> str:
 
     `ending` is in lower case. "" is returned if the first bytes match it, or no known kind.
     """
+    if ending == _AFNI[0]:
+        return _AFNI[1]
     try:
         with path.open("rb") as file:
             beginning = file.read(_BEGINNING).removeprefix(codecs.BOM_UTF8)

@@ -125,6 +125,7 @@ PLY = b"ply\nformat ascii 1.0\nend_header\n"
             "is a CIFTI or NIfTI file; write the values",
         ),
         ("brain.nii", bytes(344) + b"n+1\0", "is a CIFTI or NIfTI file; write the values of one"),
+        ("a.niml.dset", b"<AFNI_dataset", "is a dataset of AFNI; write it as GIFTI, with Convert"),
         ("mesh.ply", b"<!DOCTYPE html><html>", "is a web page; download the file"),
         ("mesh.ply", b"version https://git-lfs.github.com/spec/v1", "git lfs pull"),
         ("mesh.3mf", b"PK\3\4" + bytes(40), "is a ZIP archive; unpack it, or"),
