@@ -63,26 +63,41 @@ def unstated_structure(file: str, structure: str) -> str:
     return f"{file} states no brain structure, which Connectome Workbench needs"
 
 
-#: Words in file names of brain surfaces.
+#: Words in file names of brain surfaces, and of values on them.
 _BRAIN_WORDS = frozenset(
-    ["pial", "white", "inflated", "midthickness", "cortex", "hemi", "hemisphere", "brain"]
-)
+    ["pial", "white", "inflated", "midthickness", "cortex", "hemi", "hemisphere", "brain",
+     "smoothwm", "flat", "fsaverage", "fslr", "civet"]
+)  # fmt: skip
+_FIELD_WORDS = _BRAIN_WORDS.union(
+    ["sulc", "curv", "curvature", "thickness", "area", "volume", "jacobian", "myelin", "myelinmap",
+     "depth", "gyrification", "lgi", "bold", "aparc", "atlas", "parcellation", "parcels", "lobes",
+     "sphere", "surf", "gii", "func", "shape", "label", "annot", "mgh", "mgz", "fs"]
+)  # fmt: skip
 
 
-def brain_side(structure: str, name: str) -> str | None:
+def brain_side(structure: str, name: str, *, of_values: bool = False) -> str | None:
     """Return the side of a brain surface, "left", "right", or "" for both; None for other meshes.
 
     `structure` is one of `STRUCTURES`, or "" if unknown. In the `name` of the file, "lh" and "rh"
-    denote a hemisphere; "left", "right", "L" and "R" do so next to a word such as "pial".
+    denote a hemisphere; next to a word such as "pial", or "sulc" if the file is one `of_values`,
+    "L" and "R", or else "left" and "right" do so.
 
     Examples
     --------
     >>> brain_side("CortexLeft", ""), brain_side("", "fsaverage5_pial_right"), brain_side("", "cow")
     ('left', 'right', None)
+    >>> brain_side("", "s1.L.sulc.csv", of_values=True), brain_side("", "s1.L.sulc")
+    ('left', None)
     """
     if structure:
         return next((side for side in ("left", "right") if structure.lower().endswith(side)), "")
-    words = re.split(r"[^a-z]+", name.lower())
-    known = ("lh", "rh") if _BRAIN_WORDS.isdisjoint(words) else _SHORT
-    side = next((word for word in words if word in known), "")
-    return _SHORT[side].removeprefix("Cortex").lower() if side else None
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
+    words, with_digits = re.split(r"[^a-z]+", name), re.split(r"[^a-z\d]+", name)
+    known = {"lh": words, "l": with_digits, "left": words}  # r2 is no side
+    if (_FIELD_WORDS if of_values else _BRAIN_WORDS).isdisjoint(words):
+        del known["l"], known["left"]
+    for left, found in known.items():
+        right = {"lh": "rh", "l": "r", "left": "right"}[left]
+        if left in found or right in found:
+            return "" if left in found and right in found else "left" if left in found else "right"
+    return None

@@ -118,7 +118,8 @@ class Opening(QObject):
         elif len(others) == 2:
             side = brain_side("", others[1].name)
             apart = side is not None and side != brain_side("", others[0].name)
-            theirs = [path for path in maps if apart and brain_side("", path.name) == side]
+            sides = [brain_side("", path.name, of_values=True) for path in maps]
+            theirs = [path for path, of in zip(maps, sides, strict=True) if apart and of == side]
             self._waiting = (others[0], others[1], theirs)
             self.read(others[0], maps=[path for path in maps if path not in theirs])
             self.document.following = others[1], *maps

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
 import operator
 import re
 import warnings
+import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +26,7 @@ from meshmash_viewer.io.formats.brain import (
 from meshmash_viewer.io.formats.npz import holds_a_mesh, npy_maps, npz_maps
 from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
 from meshmash_viewer.io.raw import LimitExceeded, RawMap, checked_maps, read_guarded
-from meshmash_viewer.io.read import READERS, Reader, check_file
+from meshmash_viewer.io.read import READERS, Reader, check_file, file_ending, unpacked
 from meshmash_viewer.io.signatures import misnamed
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.structures import brain_side
@@ -44,15 +47,21 @@ _READERS: dict[str, Reader] = {
 }
 #: Endings of FreeSurfer files with one number per vertex, after "lh" or "rh".
 _VALUES = (".curv", ".thickness", ".sulc", ".area", ".volume", ".avg_curv", ".jacobian_white")
+#: Smallest share of the vertices of a hemisphere that are outside its medial wall.
+_LEAST_CORTEX = 0.8
 #: A file, and a condition on the values of its map.
 _CONDITION = re.compile(r"(?P<file>.+?)\s*(?P<how>[<>]=?)\s*(?P<limit>[-+]?[\d.]+(e[-+]?\d+)?)")
 _COMPARED = {
     ">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le,
 }  # fmt: skip
-_GIFTI_MAPS = (".func.gii", ".shape.gii", ".label.gii")
+_PLAIN = (*_READERS, ".func.gii", ".shape.gii", ".label.gii", *_VALUES)
 
 #: Endings of files with maps and no mesh; other files may contain both.
-MAP_ENDINGS: tuple[str, ...] = (*_READERS, *_GIFTI_MAPS, *_VALUES)
+MAP_ENDINGS: tuple[str, ...] = (
+    *_PLAIN,
+    *(f"{ending}.gz" for ending in _PLAIN if ending != ".mgz"),
+    ".npz.gz",
+)
 #: Readers by ending, without the endings of FreeSurfer surfaces, which maps may also have.
 _BY_ENDING: dict[str, Reader] = {
     **{ending: reader for ending, reader in READERS.items() if reader is not READERS[".pial"]},
@@ -65,31 +74,36 @@ _BY_ENDING: dict[str, Reader] = {
 def is_map_file(path: str | Path) -> bool:
     """Whether a file contains maps and no mesh, by its ending, or else its first bytes."""
     path = Path(path)
-    name = path.name.lower()
-    if name.endswith(MAP_ENDINGS):
+    if path.name.lower().endswith(MAP_ENDINGS):
         return True
+    ending = file_ending(path)
+    if ending == ".npz":
+        return not holds_a_mesh(path)
+    ending = ending.removesuffix(".gz")
     try:
-        if name.endswith(".asc"):
-            with path.open("rb") as file:  # a surface begins with a comment
-                return file.read(1) != b"#"
-        if name.endswith(".npz"):
-            return not holds_a_mesh(path)
-        if name.endswith(".gii"):
-            with path.open("rb") as file:  # the point set is the first array
-                return b"NIFTI_INTENT_POINTSET" not in file.read(1_000_000)
-        return path.suffix.lower() not in _BY_ENDING and freesurfer_kind(path) == "values"
-    except OSError:
+        if ending == ".asc":  # a surface begins with a comment
+            return _beginning(path, 1) != b"#"
+        if ending == ".gii":  # the point set is the first array
+            return b"NIFTI_INTENT_POINTSET" not in _beginning(path, 1_000_000)
+    except (OSError, EOFError, zlib.error):
         return False  # reading it as a mesh raises the error
+    return ending not in _BY_ENDING and freesurfer_kind(path) == "values"
+
+
+def _beginning(path: Path, size: int) -> bytes:
+    """Return the first bytes of a file, or of the content of a gzip file."""
+    with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
+        return file.read(size)
 
 
 def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     """Read values per vertex from a file; the format is given by the file's ending.
 
-    Formats of maps are NPZ, NPY, CSV (also ``.txt``), Parquet, GIFTI (functional, shape and label
-    files), those of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``, ``.mgh``), and
-    ``.1D``. From a mesh file, all values at its vertices are read except coordinates. Condensed
-    features, see `read_condensed_features`, become one map per column, with the value of a domain
-    at each of its vertices, and a label set of the domains.
+    Formats of maps, also gzipped, are NPZ, NPY, CSV (also ``.txt``), Parquet, GIFTI (functional,
+    shape and label files), those of FreeSurfer (``.curv`` and similar, ``.annot``, ``.label``,
+    ``.mgh``), and ``.1D``. From a mesh file, all values at its vertices are read except
+    coordinates. Condensed features, see `read_condensed_features`, become one map per column, with
+    the value of a domain at each of its vertices, and a label set of the domains.
 
     The maps have different names, and `VertexMap.path`; see `Mesh.with_maps`. `InputError` is
     raised if the file does not exist, does not have one value per vertex of the mesh, or cannot be
@@ -208,12 +222,16 @@ def maps_and_remarks(
     """Do as `read_maps`, but return the warnings as sentences."""
     path, mesh = Path(path), as_mesh(mesh)
     check_file(path)
+    ending = file_ending(path)
     try:
-        raw = read_guarded(_reader(path), path)
+        reader = _reader(path)
+        with unpacked(path, ending) as (plain, limits):
+            raw = read_guarded(reader, plain, limits)
+            of_domains = reader is npz_maps and holds(plain, "X", "labels")
         if not raw.maps:
             raise InputError("has no values at its vertices except coordinates")
         found, faults = _fitting(raw.described_maps, mesh, path)
-        if path.suffix.lower() == ".npz" and holds(path, "X", "labels"):
+        if of_domains:
             found, said_of_domains = labelled_domains(found, mesh)
             faults = (*faults, *said_of_domains)
     except LimitExceeded as fault:
@@ -224,26 +242,39 @@ def maps_and_remarks(
             raise InputError(f"{path}: {text[0].lower()}{text[1:]}") from fault
         if "not installed" in text:
             raise InputError(f"{path} {text}.") from fault
-        clause = (
-            misnamed(path, path.suffix.lower()) or f"{text}; give a file with one number per vertex"
-        )
+        packed = "unpacked" in text
+        remedy = "copy or export it again" if packed else "give a file with one number per vertex"
+        clause = misnamed(path, ending) or f"{text}; {remedy}"
         raise InputError(f"{path} {clause}.") from fault
     except PermissionError as fault:
         raise InputError(f"{path} cannot be read: give yourself read permission.") from fault
     said = () if len(raw.vertices) else raw.remarks
-    here, there = brain_side(mesh.structure, mesh.name), brain_side(raw.structure, path.name)
-    if {here, there} == {"left", "right"}:
-        stated = f"it states {raw.structure}" if raw.structure else "by its name"
-        said = (*said, f"is of the other hemisphere than {mesh.name}: {stated}")
+    said = (*said, *_of_other_side(found, mesh, raw.structure, path))
     return found, tuple(f"{path} {remark}." for remark in (*said, *faults))
 
 
+def _of_other_side(
+    maps: tuple[VertexMap, ...], mesh: Mesh, structure: str, path: Path
+) -> tuple[str, ...]:
+    """Return a clause on a file, or else on maps by their names, of the other hemisphere."""
+    here = brain_side(mesh.structure, mesh.name)
+    other = {"left": "right", "right": "left"}.get(here or "")
+    side = brain_side(structure, path.name, of_values=True)
+    names = [each.name for each in maps if brain_side("", each.name, of_values=True) == other]
+    if other is None or not (side == other or (side is None and names)):
+        return ()
+    stated = f"it states {structure}" if structure else "by its name"
+    if side is None:
+        stated = f"by the name {printable(', '.join(names), 60)}"
+    return (f"is of the other hemisphere than {mesh.name}: {stated}",)
+
+
 def _reader(path: Path) -> Reader:
-    ending = path.suffix.lower()
+    ending = file_ending(path).removesuffix(".gz")
     if ending in _BY_ENDING:
         return _BY_ENDING[ending]
     kind = freesurfer_kind(path)
-    if path.name.lower().endswith(_VALUES) or kind == "values":
+    if ending in _VALUES or kind == "values":
         return freesurfer_values
     if kind == "patch":
         raise InputError("is a FreeSurfer patch, a part of a surface without values")
@@ -261,11 +292,37 @@ def _fitting(
     """
     lengths = {mesh.n_vertices, mesh.n_file_vertices}
     fitting = [each for each in maps if each.last >= 0 or len(each.values) in lengths]
+    if not fitting and len(maps) in lengths:  # rows of an array of few vertices are maps
+        maps = _transposed(maps)
+        fitting = list(maps)
     found, faults, clauses = checked_maps(fitting or maps, max(lengths), path)
     if not fitting:
         if volume := maps[0].volume:
             raise InputError(f"has shape {volume}, which is a volume and not values of a surface")
+        _check_wall(maps[0], mesh, path)
         mesh.with_maps(*found)
     if not found or not fitting:
         raise faults[0]
     return named_apart(found), clauses
+
+
+def _transposed(maps: tuple[RawMap, ...]) -> tuple[RawMap, ...]:
+    """Return a map for each row of columns of equal lengths, or the columns if lengths differ."""
+    if len({len(each.values) for each in maps}) > 1:
+        return maps
+    rows = np.stack([each.values for each in maps], axis=1)
+    return tuple(
+        replace(maps[0], name=f"row {at}", values=values) for at, values in enumerate(rows)
+    )
+
+
+def _check_wall(found: RawMap, mesh: Mesh, path: Path) -> None:
+    """Raise `InputError` if the map of a brain may be without the vertices of the medial wall."""
+    count, n = len(found.values), mesh.n_file_vertices
+    if brain_side(mesh.structure, mesh.name) is not None and _LEAST_CORTEX * n < count < n:
+        raise InputError(
+            f"Map {found.name or path.name!r} has {count:,} values and the mesh {n:,} vertices, so"
+            " it may be without the medial wall: add the vertices of its values, with a mask"
+            f' that is True outside the wall, as in np.savez("{path.name.split(".")[0]}.npz",'
+            " vertex=np.flatnonzero(mask), values=values)."
+        )

@@ -11,6 +11,7 @@ import importlib
 import io
 import math
 import os
+import re
 import sys
 import time
 import warnings
@@ -27,11 +28,23 @@ from meshmash_viewer.errors import InputError, MeshWarning, missing_module, not_
 from meshmash_viewer.io.provenance import stated_map_labels, stated_units
 from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.plug_ins import PlugIn
-from meshmash_viewer.vertex_map import COLOR, Label, VertexMap, labels_in_use, unused_number
+from meshmash_viewer.vertex_map import (
+    COLOR,
+    Label,
+    VertexMap,
+    labels_in_use,
+    numbered_labels,
+    unused_number,
+)
 from meshmash_viewer.work import ChildEnded, ProcessTree, call_in_child
 
 #: Largest number of maps read from one file.
 MOST_MAPS = 64
+#: Path in the place of a name: absolute, or of a file of FreeSurfer or with a common ending.
+_PATH = re.compile(
+    r"(?:~|\.{1,2}|[a-z]:|file:/*)?[\\/].*[^\\/]|.*[\\/](?:[lr]h\.[^\\/]+|[^\\/]+\.(?:gii|mg[hz]|nii|csv))",
+    re.IGNORECASE,
+)
 #: Colour of labels without a valid colour #rrggbb.
 _NO_COLOR = "#808080"
 
@@ -66,17 +79,24 @@ class RawMap:
 
         `InputError` is raised as by `VertexMap`, and if an index in `rows` is too large.
         """
-        name = self.name or (path.name if path else "")
+        name = self.name or (re.sub(r"\.gz$", "", path.name, flags=re.IGNORECASE) if path else "")
+        if _PATH.fullmatch(name):
+            name = re.split(r"[\\/]", name)[-1]
         origin = str(path.absolute()) if path else ""
-        if self.last >= n_vertices:
+        if self.rows is not None and self.last >= n_vertices:
+            from_one = self.last == n_vertices and self.rows.min() > 0
+            remedy = "subtract 1 if it counts from 1, or " if from_one else ""
             raise InputError(
                 f"Map {name!r} names vertex {self.last:,}, and the mesh has {n_vertices:,}"
-                " vertices: give the one that was made for this surface."
+                f" vertices, counted from 0: {remedy}give the one that was made for this surface."
             )
         values, labels = self.values, self.labels
         if self.rows is not None:
             values = np.full(n_vertices, unused_number(labels) if labels else np.nan)
             values[self.rows] = self.values
+        if labels and not self.keep_unused:  # Labels without a row in the table are numbered.
+            others = (values > 0) & ~np.isin(values, [label.key for label in labels])
+            labels = (*labels, *numbered_labels(values[others]))
         used = labels if self.keep_unused else labels_in_use(labels, values)
         if labels and not used:
             raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
@@ -94,15 +114,21 @@ class RawMap:
 def checked_maps(
     maps: Iterable[RawMap], n_vertices: int, path: Path | None = None
 ) -> tuple[list[VertexMap], list[InputError], tuple[str, ...]]:
-    """Return the valid maps, the errors of the others, and the same errors as clauses."""
-    found, faults = [], []
+    """Return the valid maps, the errors of the others, and clauses on both."""
+    found, faults, clauses = [], [], []
     for each in maps:
         try:
             found.append(each.checked(n_vertices, path))
         except InputError as fault:
             faults.append(fault)
-    clauses = (str(fault).removeprefix("Map ").removesuffix(".") for fault in faults)
-    return found, faults, tuple(f"has a map that is left out: {clause}" for clause in clauses)
+            clause = str(fault).removeprefix("Map ").removesuffix(".")
+            clauses.append(f"has a map that is left out: {clause}")
+            continue
+        keys = {label.key for label in each.labels}
+        if more := [label.name for label in found[-1].labels if label.key not in keys]:
+            names = printable(", ".join(more), 60)
+            clauses.append(f"has labels without a row in its table, named by number: {names}")
+    return found, faults, tuple(clauses)
 
 
 def maps_of_columns(
@@ -111,6 +137,11 @@ def maps_of_columns(
     """Yield a map for each column of `values`, shape (n, columns)."""
     for name, column in zip(names, values.T, strict=True):
         yield RawMap(name, np.ascontiguousarray(column), rows=rows)
+
+
+def row_per_vertex(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Transpose a 2-D array whose rows are maps: it has fewer rows than any mesh has vertices."""
+    return values.T if values.shape[1] > MOST_MAPS >= len(values) else values
 
 
 def most_maps(maps: Sequence[RawMap]) -> tuple[tuple[RawMap, ...], tuple[str, ...]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import shutil
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
@@ -226,7 +227,7 @@ def _linked(path: str | Path, segment: int | str | None, lod: int | None) -> Mes
 def _read_raw(path: Path, ending: str) -> RawMesh:
     """Unpack a gzip file, and call the reader, in a child process if limits are needed."""
     reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
-    with _unpacked(path, ending) as (plain, limits):
+    with unpacked(path, ending) as (plain, limits):
         if limits is None and reader in _LIMITS:
             limits = _LIMITS[reader](plain)
         return read_raw(reader, plain) if limits is None else read_guarded(reader, plain, limits)
@@ -243,9 +244,14 @@ def mesh_name(path: str | Path) -> str:
     return stem.removesuffix(".surf") if suffix == ".gii" else stem
 
 
-def _ending(path: Path) -> str:
+def file_ending(path: Path) -> str:
+    """Return the ending of a file in lower case, with the one before ".gz": ".gii.gz"."""
     suffixes = [suffix.lower() for suffix in path.suffixes]
-    ending = "".join(suffixes[-2:]) if suffixes[-1:] == [".gz"] else "".join(suffixes[-1:])
+    return "".join(suffixes[-2:] if suffixes[-1:] == [".gz"] else suffixes[-1:])
+
+
+def _ending(path: Path) -> str:
+    ending = file_ending(path)
     if ending not in READABLE_ENDINGS and is_draco(path):  # fragments have no ending
         return ".drc"
     if ending not in READABLE_ENDINGS and not freesurfer_kind(path):
@@ -349,7 +355,7 @@ def _kind(ending: str) -> str:
 
 
 @contextlib.contextmanager
-def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None]]:
+def unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None]]:
     """Yield the file itself, or the content of a gzip file as a temporary file of the same name.
 
     The second value is the limits for reading, if the unpacked size is unusually large for a mesh.
@@ -380,4 +386,6 @@ def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None
             ) from fault
         if size == 0:
             raise InputError("is empty once unpacked")
+        if (about := path.with_name(plain.name + ".json")).is_file():  # provenance of a table
+            shutil.copy(about, plain.with_name(about.name))
         yield plain, ReadLimits.if_needed(packed_size, size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import struct
+import warnings
 from pathlib import Path
 
 import nibabel
@@ -12,8 +13,8 @@ import pytest
 import shapes
 from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTable
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.maps import read_maps
+from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.io.maps import maps_and_remarks, read_maps
 from meshmash_viewer.io.raw import RawMap
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, VertexMap
@@ -85,24 +86,52 @@ def test_labels_in_use_are_known(name: str, kind: str, tmp_path: Path) -> None:
         found = RawMap("parts", values, labels).checked(N)
     elif kind == "label.gii":
         gifti(path, [("NIFTI_INTENT_LABEL", values.astype(np.int32))], labels)
-        (found,) = read_maps(path, MESH)
+        (found,), _ = maps_and_remarks(path, MESH)
     elif kind == "surf.gii":
         surface = [(POINTS, MESH.vertices.astype("f4")), (TRIANGLES, MESH.faces.astype("i4"))]
         gifti(path, [*surface, ("NIFTI_INTENT_LABEL", values.astype(np.int32))], labels)
-        (found,) = read_mesh(path).maps
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MeshWarning)  # of labels without a row
+            (found,) = read_mesh(path).maps
     else:
         if kind == "old annot":  # has labels numbered 0, 1, 2, …
             if not np.array_equal(keys, np.arange(len(keys))):
                 pytest.skip("has no such table")
             labels = tuple(sorted(labels, key=lambda each: each.key))
         annotation(path, labels, values, numbered=kind == "annot")
-        (found,) = read_maps(path, MESH)
-    used = set(values.tolist())
-    assert found.labels == tuple(each for each in labels if each.key in used)
+        (found,), _ = maps_and_remarks(path, MESH)
     known = np.isin(values, keys)
-    np.testing.assert_array_equal(np.isfinite(found.shown), known)
-    shown = found.shown[known].astype(int)
-    assert [found.labels[place].key for place in shown] == values[known].tolist()
+    packed = 1 + (1 << 8) + (9 << 16)  # colour of an annotation without a row
+    expected = np.where(known, values, packed if "annot" in kind else values)
+    used = set(values.tolist())
+    more = [str(key) for key in np.unique(expected[~known])]
+    assert found.labels[: len(found.labels) - len(more)] == tuple(
+        each for each in labels if each.key in used
+    )
+    assert [each.name for each in found.labels if each.name.isdigit()] == more
+    assert [found.labels[place].key for place in found.shown.astype(int)] == expected.tolist()
+
+
+@pytest.mark.parametrize("ending", ["label.gii", "annot", "csv"])
+def test_keys_without_a_row_are_labels_named_by_number(ending: str, tmp_path: Path) -> None:
+    path, labels = tmp_path / f"lh.parts.{ending}", (Label(3, "front", "#112233"),)
+    numbers = np.repeat([-1, 0, 3, 7], [10, 10, 20, N - 40])
+    if ending == "csv":
+        names = {3: "front"}
+        rows = [f"{number},{names.get(number, '')}" for number in numbers.tolist()]
+        path.write_text("label,name\n" + "\n".join(rows))
+    elif ending == "annot":
+        annotation(path, labels, numbers, numbered=True)
+        content = path.read_bytes()  # the packed colour of 7 is 7, that of -1 and 0 is 0
+        pairs = np.frombuffer(content, ">i4", 2 * N, 4).reshape(N, 2).copy()
+        pairs[:, 1] = np.where(numbers[::-1] == 3, pairs[:, 1], np.maximum(numbers[::-1], 0))
+        path.write_bytes(content[:4] + pairs.tobytes() + content[4 + pairs.nbytes :])
+    else:
+        gifti(path, [("NIFTI_INTENT_LABEL", numbers.astype(np.int32))], labels)
+    with pytest.warns(MeshWarning, match=r"without a row in its table, named by number: 7\.$"):
+        (found,) = read_maps(path, MESH)
+    assert [(each.key, each.name) for each in found.labels] == [(3, "front"), (7, "7")]
+    np.testing.assert_array_equal(np.isfinite(found.shown), numbers > 0)
 
 
 @pytest.mark.parametrize("ending", ["label.gii", "surf.gii"])
@@ -156,7 +185,7 @@ def test_more_labels_in_use_than_colors_are_refused() -> None:
     with pytest.raises(InputError, match=r"513 labels, and 512 can be distinguished"):
         RawMap("parts", values, table(np.arange(2000))).checked(N)
     with pytest.raises(InputError, match="no vertex with a label"):
-        RawMap("parts", values + 5000, table(np.arange(2000))).checked(N)
+        RawMap("parts", -1 - values, table(np.arange(2000))).checked(N)
 
 
 def test_labels_may_wait_for_their_vertices() -> None:

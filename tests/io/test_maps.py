@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +18,7 @@ from tiers import slow_but
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
-from meshmash_viewer.io.maps import is_map_file, read_maps
+from meshmash_viewer.io.maps import is_map_file, maps_and_remarks, read_labels, read_maps
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.vertex_map import Label, VertexMap
@@ -125,10 +126,21 @@ MESH_FILES = {
 }
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_values_come_back_as_they_were_written(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "packed"),
+    [
+        (name, packed)
+        for name in [*FILES, "lh.w-g"]
+        for packed in ("", ".gz")
+        if name + packed != "depth.mgz.gz"
+    ],
+)
+def test_values_come_back_as_they_were_written(name: str, packed: str, tmp_path: Path) -> None:
     path = tmp_path / name
-    FILES[name](path)
+    FILES.get(name, FILES["lh.curv"])(path)
+    if packed:
+        path = path.rename(tmp_path / f"{name}.gz")
+        path.write_bytes(gzip.compress(path.read_bytes()))
     assert is_map_file(path)
     (found,) = read_maps(path, MESH)
     np.testing.assert_array_equal(found.values, VALUES)
@@ -174,7 +186,10 @@ def test_labels_have_their_names_and_colors(
 ) -> None:
     path = tmp_path / name
     write(path)
-    assert is_map_file(path)
+    packed = path.with_name(f"{name}.gz")
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    assert is_map_file(path) and is_map_file(packed)  # noqa: PT018
+    np.testing.assert_array_equal(read_labels(packed, MESH).values, PARTS)
     (found,) = read_maps(path, MESH)
     assert found.labels == LABELS
     np.testing.assert_array_equal(found.values, PARTS)
@@ -219,6 +234,115 @@ def test_our_own_features_come_back_as_maps(tmp_path: Path) -> None:
             ("one", "nm⁻²"), ("two", "nm⁻²"), ("voltage", "mV"), ("component", ""),
         ], ending  # fmt: skip
         np.testing.assert_allclose(found[1].values, values[:, 1])
+
+
+def test_a_packed_table_has_the_units_of_the_file_next_to_it(tmp_path: Path) -> None:
+    from meshmash_viewer.features.sums import Features
+    from meshmash_viewer.io.write import write_features
+
+    path = tmp_path / "made.npy"
+    write_features(path, Features(VALUES[:, None], ("one",), "nm⁻²"), MESH)
+    packed = path.with_name("made.npy.gz")
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    (found,) = read_maps(packed, MESH)
+    assert (found.name, found.unit, found.path) == ("one", "nm⁻²", str(packed))
+    packed.write_bytes(packed.read_bytes()[:-20])
+    with pytest.raises(InputError, match=r"ends too early; copy or export it again\.$"):
+        read_maps(packed, MESH)
+
+
+@pytest.mark.parametrize("n_maps", [1, 5, 41, 100])
+def test_maps_in_the_rows_of_an_array(n_maps: int, tmp_path: Path) -> None:
+    rows = np.arange(float(n_maps * N)).reshape(n_maps, N).astype(np.float32)
+    gifti(tmp_path / "bold.func.gii", "NIFTI_INTENT_TIME_SERIES", rows)
+    np.save(tmp_path / "bold.npy", rows)
+    np.savez(tmp_path / "bold.npz", bold=rows)
+    for ending in (".func.gii", ".npy", ".npz"):
+        found = read_maps(tmp_path / f"bold{ending}", MESH)
+        assert len({each.name for each in found}) == n_maps
+        np.testing.assert_array_equal([each.values for each in found], rows)
+    large = Mesh(*shapes.icosphere(2))
+    rows = np.arange(float(5 * large.n_vertices)).reshape(5, -1).astype(np.float32)
+    gifti(tmp_path / "bold.func.gii", "NIFTI_INTENT_TIME_SERIES", rows)
+    np.testing.assert_array_equal(
+        [each.values for each in read_maps(tmp_path / "bold.func.gii", large)], rows
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ("/home/ana/s1/surf/lh.sulc", "lh.sulc"), ("C:\\data\\lh.sulc", "lh.sulc"),
+        ("surf/rh.area.pial", "rh.area.pial"), ("../maps/depth.csv", "depth.csv"),
+        ("~/depth", "depth"), ("maps/s1.L.sulc.shape.gii", "s1.L.sulc.shape.gii"),
+        ("1/mm", "1/mm"), ("grey/white ratio", "grey/white ratio"), ("/", "/"),
+    ],
+)  # fmt: skip
+def test_a_path_in_the_place_of_a_name_is_shortened(given: str, name: str, tmp_path: Path) -> None:
+    array = GiftiDataArray(VALUES.astype(np.float32), intent="NIFTI_INTENT_SHAPE")
+    array.meta["Name"] = given
+    path = tmp_path / "depth.shape.gii"
+    path.write_bytes(GiftiImage(darrays=[array]).to_bytes())
+    assert [each.name for each in read_maps(path, MESH)] == [name]
+
+
+@pytest.mark.parametrize(
+    ("file", "mesh", "warned"),
+    [
+        ("sulc_left.npy", "pial_right", True), ("s1.L.sulc.npy", "rh.pial", True),
+        ("hemi-L_curv.csv", "hemi-R_midthickness", True), ("LeftThickness.npy", "rh.white", True),
+        ("area.lh.npy", "rh.pial", True), ("L.func.gii", "rh.inflated", True),
+        ("sulc_left.npy", "lh.pial", False), ("thickness_r2.npy", "lh.pial", False),
+        ("motor_right_hand_L.func.gii", "lh.pial", False), ("sulc_lh_rh.npy", "rh.pial", False),
+        ("sulc_left.npy", "neuron_right", False), ("left.npy", "rh.pial", False),
+    ],
+)  # fmt: skip
+def test_a_map_of_the_other_hemisphere(file: str, mesh: str, warned: bool, tmp_path: Path) -> None:
+    path, ending = tmp_path / file, file.rpartition(".")[2]
+    FILES[f"depth.{ending}"](path)
+    _, remarks = maps_and_remarks(path, replace(MESH, name=mesh))
+    wanted = [f"{path} is of the other hemisphere than {mesh}: by its name."] if warned else []
+    assert list(remarks) == wanted
+
+
+def test_the_other_hemisphere_is_also_known_from_within_the_file(tmp_path: Path) -> None:
+    right = replace(MESH, name="rh.pial")
+    np.savez(tmp_path / "both.npz", **{"lh.area": VALUES, "rh.area": VALUES})
+    _, remarks = maps_and_remarks(tmp_path / "both.npz", right)
+    assert [each.partition(": ")[2] for each in remarks] == ["by the name lh.area."]
+    array = GiftiDataArray(VALUES.astype(np.float32), intent="NIFTI_INTENT_SHAPE")
+    array.meta["AnatomicalStructurePrimary"] = "CortexLeft"  # of the array, not of the image
+    path = tmp_path / "depth.gii"
+    path.write_bytes(GiftiImage(darrays=[array]).to_bytes())
+    _, remarks = maps_and_remarks(path, right)
+    assert [each.partition(": ")[2] for each in remarks] == ["it states CortexLeft."]
+
+
+def test_a_map_without_the_medial_wall(tmp_path: Path) -> None:
+    brain, mask = replace(MESH, name="lh.pial"), np.arange(N) % 10 > 0
+    values, path = np.arange(float(mask.sum())), tmp_path / "thickness.npy"
+    np.save(path, values)
+    with pytest.raises(InputError, match=r"may be without the medial wall: .*np\.savez") as raised:
+        read_maps(path, brain)
+    code = str(raised.value)[str(raised.value).index("np.savez") : -1]
+    code = code.replace("thickness.npz", str(tmp_path / "thickness.npz"))
+    exec(code, {"np": np, "mask": mask, "values": values})
+    (found,) = read_maps(tmp_path / "thickness.npz", brain)
+    np.testing.assert_array_equal(found.values[mask], values)
+    assert np.isnan(found.values[~mask]).all()
+    for mesh, count in ((MESH, len(values)), (brain, 30), (brain, N + 1)):
+        np.save(path, np.arange(float(count)))
+        with pytest.raises(InputError, match=r"give a map that was made for this surface\.$"):
+            read_maps(path, mesh)
+
+
+def test_indices_that_count_from_one(tmp_path: Path) -> None:
+    path = tmp_path / "depth.csv"
+    for first, said in ((1, "0: subtract 1 if it counts from 1, or give"), (0, "0: give the one")):
+        vertices = [first, *range(2, N + 1)]
+        path.write_text("vertex,depth\n" + "\n".join(f"{each},1" for each in vertices))
+        with pytest.raises(InputError, match=f"names vertex 42, .*counted from {said}"):
+            read_maps(path, MESH)
 
 
 def labels_beyond(path: Path) -> None:

@@ -190,7 +190,7 @@ class FormatDialog(SaveDialog):
 def ask_for_maps(parent: QWidget, folder: Path, what: str = "maps") -> list[Path]:
     """Ask for files with values per vertex; return an empty list if cancelled."""
     patterns = " ".join(
-        [*(f"*{ending}" for ending in MAP_ENDINGS), "*.npz", "*.gii", "lh.*", "rh.*"]
+        [*(f"*{ending}" for ending in MAP_ENDINGS), "*.npz", "*.gii", "*.gii.gz", "lh.*", "rh.*"]
     )
     meshes = " ".join(f"*{ending}" for ending in READERS)
     chosen, _ = QFileDialog.getOpenFileNames(

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.provenance import stated_mesh
-from meshmash_viewer.io.raw import RawMap, RawMesh, maps_alone, most_maps
+from meshmash_viewer.io.raw import RawMap, RawMesh, maps_alone, most_maps, row_per_vertex
 from meshmash_viewer.io.text import parse_rows, read_text
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import MOST_LABELS, Label, numbered_labels
@@ -204,9 +204,13 @@ def _unit(vertices: FloatArray) -> tuple[str, str]:
 
 def freesurfer_kind(path: Path) -> str:
     """Return "surface", "values" or "patch", a part of a surface, by the first bytes; else ""."""
+    is_packed = path.suffix.lower() == ".gz"
     try:
-        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
-            header, size = file.read(15), path.stat().st_size
+        with gzip.open(path) if is_packed else path.open("rb") as file:
+            header = file.read(15)
+        size = (
+            int.from_bytes(path.read_bytes()[-4:], "little") if is_packed else path.stat().st_size
+        )
     except (OSError, EOFError, zlib.error):
         return ""  # reading the file reports the error
     magic, n_vertices, _, n_values = struct.unpack(">3siii", header.ljust(15, b"\0"))
@@ -257,8 +261,9 @@ def freesurfer_annotation(path: Path) -> RawMesh:
     annotations = {int(label.color[5:7] + label.color[3:5] + label.color[1:3], 16): label.key
                    for label in reversed(labels)}  # fmt: skip
     known, places = np.unique(pairs[order, 1], return_inverse=True)
-    keys = np.array([annotations.get(each, -1) for each in known.tolist()], dtype=np.int64)
-    return maps_alone([RawMap("", keys[places], labels)])
+    others = np.where((known > 0) & ~np.isin(known, [each.key for each in labels]), known, -1)
+    keys = list(map(annotations.get, known.tolist(), others.tolist()))  # no row: the packed colour
+    return maps_alone([RawMap("", np.array(keys, dtype=np.int64)[places], labels)])
 
 
 def _labels(take: Callable[[int], bytes], numbers: Callable[[int], list[int]]) -> tuple[Label, ...]:
@@ -337,8 +342,9 @@ def _structure(described: Any) -> str:
 def gifti_maps(path: Path) -> RawMesh:
     """Read the arrays of a GIFTI file with one number per vertex, and the table of labels."""
     image = _gifti(path)
-    found = _gifti_maps(image, path.name)
-    return maps_alone(found, meta=_provenance(image), structure=_structure(image))
+    structures = filter(None, map(_structure, [image, *image.darrays]))
+    structure = next(structures, "")
+    return maps_alone(_gifti_maps(image, path.name), (), _provenance(image), structure)
 
 
 def _gifti(path: Path) -> Any:
@@ -389,7 +395,9 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
         )
         of_labels = intent == "NIFTI_INTENT_LABEL"
         own = "meshmash-viewer" in dict(image.meta or {})
-        columns = [data] if data.ndim == 1 else list(data.T) if data.ndim == 2 else []
+        if data.ndim == 2:
+            data = row_per_vertex(data).T
+        columns = list(np.atleast_2d(data)) if data.ndim in (1, 2) else []
         for column in columns:
             labels = (table or _numbered(column)) if of_labels else ()
             if rows is not None and len(rows) != len(column):

@@ -23,6 +23,7 @@ from meshmash_viewer.io.raw import (
     maps_alone,
     maps_of_columns,
     most_maps,
+    row_per_vertex,
 )
 from meshmash_viewer.triangulation import triangulate
 from meshmash_viewer.vertex_map import Label
@@ -145,7 +146,7 @@ def npy_maps(path: Path) -> RawMesh:
         return maps_alone(RawMap(name, values[name].copy()) for name in values.dtype.names)
     if values.ndim == 1:
         return maps_alone([RawMap("", values)])
-    values = _with_row_per_vertex(values)
+    values = row_per_vertex(values)
     count = values.shape[1]
     if count > MOST_MAPS:
         raise InputError(f"has {count:,} columns, of which {MOST_MAPS} can be taken at most")
@@ -154,11 +155,6 @@ def npy_maps(path: Path) -> RawMesh:
     if len(names) != count:
         names = [f"column {at}" for at in range(count)]
     return maps_alone(maps_of_columns(values, names), meta=meta)
-
-
-def _with_row_per_vertex(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Transpose a 2-D array whose rows are maps: it has fewer rows than any mesh has vertices."""
-    return values.T if values.shape[-1] > MOST_MAPS >= len(values) and values.ndim == 2 else values
 
 
 def npz_maps(path: Path) -> RawMesh:
@@ -232,8 +228,8 @@ def _maps(archive: Any, n_vertices: int | None, wide: list[str]) -> Iterator[Raw
             continue
         if values.ndim not in (1, 2):
             continue
-        if len(values) != n_vertices:
-            values = _with_row_per_vertex(values)
+        if len(values) != n_vertices and values.ndim == 2:
+            values = row_per_vertex(values)
         length = n_vertices or len(values if rows is None else rows)
         if len(values) != length or not length:
             continue
