@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import codecs
+import gzip
 import re
+import zlib
 from pathlib import Path
 
 #: Number of bytes that are compared.
 _BEGINNING = 2_000
 _OF_ONE_SURFACE = "write the values of one surface as GIFTI, with wb_command -cifti-separate"
+_ON_SURFACE = (
+    "sample it on the surface with wb_command -volume-to-surface-mapping or mri_vol2surf, or"
+    " convert values of a surface with mri_convert to .mgh"
+)
+_WITH_PYBICPL = "convert it to a Wavefront OBJ with obj_mni2wf of the Python package pybicpl"
 #: Ending of datasets of AFNI, and what to do with them.
 _AFNI = ".dset", "is a dataset of AFNI; write it as GIFTI, with ConvertDset -o_gii"
 #: Pattern of the first bytes, kind of file, and the endings of this kind or a remedy.
@@ -25,9 +32,11 @@ _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
     (rb"\x89HDF\r\n", "an HDF5 file", (".h5",)),
     (rb"\x93NUMPY", "a NumPy array", (".npy",)),
     (rb"PAR1", "a Parquet table", (".parquet",)),
-    (rb"\x1f\x8b", "a gzip file", (".gz", ".mgz")),
     (rb"PK\x03\x04.{26}[^\0]*\.npy", "an NPZ archive", (".npz",)),
-    (rb".{344}(n\+1|ni1)\0|.{4}n[+i]2\0", "a CIFTI or NIfTI file", _OF_ONE_SURFACE),
+    (rb".{4}n[+i]2\0.*<CIFTI", "a CIFTI file", _OF_ONE_SURFACE),
+    (rb".{344}(n\+1|ni1)\0|.{4}n[+i]2\0", "a NIfTI volume", _ON_SURFACE),
+    (rb"MZ[\x01-\x7f]\0", "a file of Surf Ice (MZ3)", "save it there as PLY, OBJ or GIFTI"),
+    (rb"P(\s+[-+.\deE]+){5}\s+\d+\s", "an object file of MNI and CIVET", _WITH_PYBICPL),
     (rb"MATLAB \d", "a MATLAB file", "write its vertices, and its faces minus 1, as NPZ or PLY"),
     (rb"PK\x03\x04", "a ZIP archive", "unpack it, or export the mesh in it as PLY"),
     (rb"version https://git-lfs", "a pointer of Git LFS", "fetch the file with git lfs pull"),
@@ -38,22 +47,24 @@ _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
 def misnamed(path: Path, ending: str) -> str:
     """Return a clause with the kind of a file and a remedy if its ending is of another kind.
 
-    `ending` is in lower case. "" is returned if the first bytes match it, or no known kind.
+    `ending` is in lower case. "" is returned if the first bytes, which may be those of the content
+    of a gzip file, match it, or no known kind.
     """
-    if ending == _AFNI[0]:
+    if ending.removesuffix(".gz") == _AFNI[0]:
         return _AFNI[1]
     try:
         with path.open("rb") as file:
+            is_packed = file.read(2) == b"\x1f\x8b"
+        with gzip.open(path) if is_packed else path.open("rb") as file:
             beginning = file.read(_BEGINNING).removeprefix(codecs.BOM_UTF8)
-    except OSError:
+    except (OSError, EOFError, zlib.error):
+        beginning = b""
+    kinds = (each for each in _SIGNATURES if re.match(each[0], beginning, re.DOTALL))
+    _, kind, remedy = next(kinds, (b"", "", ("",)))
+    if isinstance(remedy, str):
+        return f"is {kind}; {remedy}"
+    if is_packed and not ending.endswith((".gz", ".mgz")):
+        return "is a gzip file by its content; add .gz to its name"
+    if not kind or (ending.removesuffix(".gz") if is_packed else ending).endswith(remedy):
         return ""
-    for pattern, kind, remedy in _SIGNATURES:
-        if re.match(pattern, beginning, re.DOTALL) is None:
-            continue
-        if isinstance(remedy, str):
-            return f"is {kind}; {remedy}"
-        if ending.endswith(remedy):
-            return ""
-        change = "add .gz to its name" if ".gz" in remedy else f"change its ending to {remedy[0]}"
-        return f"is {kind} by its content; {change}"
-    return ""
+    return f"is {kind} by its content; change its ending to {remedy[0]}{'.gz' * is_packed}"

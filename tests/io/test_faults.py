@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import math
 import re
 import struct
@@ -119,13 +120,21 @@ PLY = b"ply\nformat ascii 1.0\nend_header\n"
         ("mesh.vtp", b'<?xml version="1.0"?>\n<!DOCTYPE GIFTI>\n<GIFTI>', "ending to .gii"),
         ("mesh.ply", b"\x1f\x8b\x08", "is a gzip file by its content; add .gz to its name."),
         ("mesh.mat", b"MATLAB 5.0 MAT-file, Platform", "is a MATLAB file; write its vertices, and"),
-        (
-            "a.dscalar.nii",
-            b"\x1c\2\0\0n+2\0\r\n\x1a\n",
-            "is a CIFTI or NIfTI file; write the values",
-        ),
-        ("brain.nii", bytes(344) + b"n+1\0", "is a CIFTI or NIfTI file; write the values of one"),
         ("a.niml.dset", b"<AFNI_dataset", "is a dataset of AFNI; write it as GIFTI, with Convert"),
+        (
+            "a.1D.dset.gz",
+            b"1 2",
+            "is a dataset of AFNI; write it as GIFTI, with ConvertDset -o_gii",
+        ),
+        ("a.mz3", b"MZ\3\0\0\5\0\0", "is a file of Surf Ice (MZ3); save it there as PLY, OBJ or"),
+        ("a.mz3", gzip.compress(b"MZ\x0b\0\0\5"), "is a file of Surf Ice (MZ3); save it there as"),
+        ("mid.obj", b"P 0.3 0.3 0.4 10 1 642\n -2", "is an object file of MNI and CIVET; convert"),
+        ("mid.obj.gz", gzip.compress(b"P 0 0 1. 1e1 1 42\n"), "with obj_mni2wf of the Python pack"),
+        (
+            "mesh.obj.gz",
+            gzip.compress(PLY),
+            "is a PLY file by its content; change its ending to .p",
+        ),
         ("mesh.ply", b"<!DOCTYPE html><html>", "is a web page; download the file"),
         ("mesh.ply", b"version https://git-lfs.github.com/spec/v1", "git lfs pull"),
         ("mesh.3mf", b"PK\3\4" + bytes(40), "is a ZIP archive; unpack it, or"),
@@ -140,6 +149,32 @@ def test_a_file_whose_ending_is_wrong_is_named(
     path.write_bytes(content)
     with pytest.raises(InputError, match=rf"^{re.escape(str(path))} .*{re.escape(said)}"):
         read_mesh(path)
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("packed", ["", ".gz"])
+def test_images_of_volumes_and_of_surfaces_have_their_own_remedies(
+    packed: str, tmp_path: Path
+) -> None:
+    import nibabel
+    from nibabel.cifti2.cifti2_axes import BrainModelAxis, ScalarAxis
+
+    zeros = np.zeros((4, 4, 4), dtype=np.float32)
+    axes = ScalarAxis(["a"]), BrainModelAxis.from_mask(np.ones(6), name="CortexLeft")
+    images = {
+        "one.nii": nibabel.Nifti1Image(zeros, np.eye(4)),
+        "two.nii": nibabel.Nifti2Image(zeros, np.eye(4)),
+        "a.dscalar.nii": nibabel.Cifti2Image(np.zeros((1, 6)), axes),
+    }
+    for name, image in images.items():
+        said = "a CIFTI file; write .* -cifti-separate" if "dsc" in name else "a NIfTI volume; samp"
+        image.to_filename(tmp_path / name)
+        path = (tmp_path / name).rename(tmp_path / f"{name}{packed}")
+        if packed:
+            path.write_bytes(gzip.compress(path.read_bytes()))
+        for read in (read_mesh, lambda path: read_maps(path, (VERTICES, FACES))):
+            with pytest.raises(InputError, match=rf"^{re.escape(str(path))} is {said}"):
+                read(path)
 
 
 @pytest.mark.usefixtures("read_here")
