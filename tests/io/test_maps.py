@@ -272,7 +272,7 @@ def test_maps_in_the_rows_of_an_array(n_maps: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "name"),
     [
-        ("/home/ana/s1/surf/lh.sulc", "lh.sulc"), ("C:\\data\\lh.sulc", "lh.sulc"),
+        ("/data/s1/surf/lh.sulc", "lh.sulc"), ("C:\\data\\lh.sulc", "lh.sulc"),
         ("surf/rh.area.pial", "rh.area.pial"), ("../maps/depth.csv", "depth.csv"),
         ("~/depth", "depth"), ("maps/s1.L.sulc.shape.gii", "s1.L.sulc.shape.gii"),
         ("1/mm", "1/mm"), ("grey/white ratio", "grey/white ratio"), ("/", "/"),
