@@ -165,13 +165,15 @@ def test_a_run_goes_on_where_it_was(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_manifest_holds_the_rows_of_all_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    for number in (0, 2, 0):
-        command = ["features", f"m{number}.ply", "--count", "9", "--no-cache", "--resume"]
-        assert main([*command, "-o", "out/"]) == 0
-    assert [row["output"] for row in rows("out/manifest_features.parquet")] == ["m0.npz", "m2.npz"]
+    for number in (0, 2, 0):  # into a folder with the name of the kind
+        command = ["features", f"m{number}.ply", "--kind", "hks", "--count", "9", "--no-cache"]
+        assert main([*command, "--resume", "-o", "hks/"]) == 0
+    assert [row["output"] for row in rows("hks/manifest_features.parquet")] == ["m0.npz", "m2.npz"]
     assert "1 of 1 mesh done, 1 of them before, 0 failed" in capsys.readouterr().err
-    Path("out/manifest_features.parquet").write_text("none")
-    assert main([*command, "-o", "out/"]) == 2
+    with pytest.raises(mv.InputError, match="is the manifest of a command, with a row for each"):
+        mv.read_maps("hks/manifest_features.parquet", mv.read_mesh("m0.ply"))
+    Path("hks/manifest_features.parquet").write_text("none")
+    assert main([*command, "--resume", "-o", "hks/"]) == 2
     assert "manifest_features.parquet is not a manifest" in capsys.readouterr().err
 
 

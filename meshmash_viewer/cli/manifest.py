@@ -157,7 +157,10 @@ def _described(options: Namespace) -> str:
         for name, value in chosen.items()
         if name not in _WRITTEN
         for each in (value if isinstance(value, list) else [value])
-        if isinstance(each, str | Path) and (place := _named_place(str(each)))
+        if isinstance(each, str | Path)
+        and (place := _named_place(str(each)))
+        # the word of an option, such as hks, may also be the folder of the results
+        and (isinstance(each, Path) or not os.path.isdir(place))
     }
     program = metadata.version("meshmash-viewer")
     return json.dumps({**chosen, "program": program, "files": files}, default=str)

@@ -120,6 +120,8 @@ def parquet_maps(path: Path) -> RawMesh:
     import pyarrow.parquet
 
     table = plain_table(pyarrow.parquet.read_table(path, use_threads=False))
+    if {"mesh", "output", "proof"} <= set(table.column_names):
+        raise InputError("is the manifest of a command, with a row for each mesh")
     said = (table.schema.metadata or {}).get(b"meshmash-viewer", b"")
     return replace(_maps(table), meta=said.decode("utf-8", "replace"))
 
