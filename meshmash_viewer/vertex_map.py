@@ -186,6 +186,13 @@ class VertexMap:
         return np.isin(self.values, keys, invert=named.startswith("-"))
 
     @property
+    def marked(self) -> npt.NDArray[np.bool_]:
+        """Vertices with a label or, without labels, with a nonzero value, shape (n,)."""
+        if not self.labels:
+            return self.mask()
+        return np.isin(self.values, [each.key for each in self.labels])
+
+    @property
     def no_label(self) -> int:
         """Value of vertices without a label: 0 or, if 0 is a label, -1 and so on."""
         return unused_number(self.labels)

@@ -67,6 +67,11 @@ SERIES: list[list[str]] = [
 ]
 
 
+#: Of the largest component before components that touch are merged.
+TOUCHES = pytest.mark.filterwarnings("ignore:.*keep_largest_component leaves")
+
+
+@TOUCHES
 @pytest.mark.parametrize("repairs", SERIES, ids=lambda names: "-".join(names) or "none")
 def test_a_vertex_is_where_the_file_has_the_one_of_its_index(raw: Mesh, repairs: list[str]) -> None:
     mesh = mv.repair_mesh(raw, *repairs)
@@ -105,6 +110,7 @@ def test_merged_vertices_have_one_value_on_the_whole_file(raw: Mesh) -> None:
     assert raw.on_file(values) is values
 
 
+@TOUCHES
 def test_the_numbers_stay_in_another_unit_or_voxel_and_on_another_shape(raw: Mesh) -> None:
     mesh = mv.repair_mesh(raw, DROP, LARGEST)
     for other in (mesh.in_unit("nm"), mesh.in_voxels((4.0, 4.0, 40.0), "nm")):

@@ -159,7 +159,8 @@ def test_data_types(mesh):
 
 
 def test_mesh_filtering(mesh, matrices):
-    from meshmash_viewer import decompose_mesh, low_pass_vertices, solve
+    from meshmash_viewer import decompose_mesh, solve
+    from meshmash_viewer.features.shape import low_pass_vertices
 
     _, evecs = decompose_mesh(mesh, n_components=50)
     vertices, faces = mesh
@@ -193,7 +194,8 @@ def test_reconstructing_a_function(mesh, matrices):
 
 
 def test_shape_analysis(mesh):
-    from meshmash_viewer import decompose_mesh, spectral_distance
+    from meshmash_viewer import decompose_mesh
+    from meshmash_viewer.features.shape import spectral_distance
 
     vertices, faces = mesh
     mesh1, mesh2 = mesh, (vertices * [1.0, 1.0, 1.5], faces)
@@ -441,7 +443,8 @@ def test_hks_of_a_wider_range(mesh, capsys):
 def test_shape_matching(mesh, rng):
     from scipy.spatial.distance import cdist
 
-    from meshmash_viewer import compute_hks, match_features
+    from meshmash_viewer import compute_hks
+    from meshmash_viewer.features.shape import match_features
 
     vertices1, faces1 = mesh
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]

@@ -37,6 +37,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     assert mesh is not None and ready is not None  # noqa: PT018  both or neither
     part, labels = document.part_mesh, document.labels.current
     second = None if pair is None or pair.second.path is None else pair.second
+    other = None if second is None else second.part_mesh
     return Session(
         mesh_path=str(document.path or ""),
         maps=_map_files(document),
@@ -65,6 +66,7 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         second_maps=_map_files(second) if second is not None else [],
         second_map_names=second.maps.names if second is not None else [],
         second_repairs=list(second.repairs) if second is not None else [],
+        second_part="" if other is None else _packed(other, other.referenced),
         links=sorted(pair.links) if pair is not None else [],
         match=pair.match if pair is not None else {},
     )
@@ -265,6 +267,7 @@ class Restoration:
             map_names=session.second_map_names,
             kept_maps=session.second_kept_maps,
             repairs=session.second_repairs,
+            part=session.second_part,
             operator=session.operator,
             links=session.links,
             match=session.match,

@@ -25,6 +25,7 @@ from meshmash_viewer.cli.batch import (
 )
 from meshmash_viewer.cli.points import projected
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features import MATCHED_COLUMNS
 from meshmash_viewer.features.comparison import (
     check_comparable,
     compare_shapes,
@@ -33,7 +34,6 @@ from meshmash_viewer.features.comparison import (
     matched_top,
     unit_area_spectrum,
 )
-from meshmash_viewer.features.functional_map import MATCHED_COLUMNS
 from meshmash_viewer.features.regions import regions as measured_regions
 from meshmash_viewer.features.shape import low_pass_vertices
 from meshmash_viewer.fields import FEATURES

@@ -87,7 +87,7 @@ def window_parser() -> ArgumentParser:
 
 def command_parser() -> ArgumentParser:
     """Return the parser for the commands without a window."""
-    from meshmash_viewer.features.functional_map import MATCHED_COLUMNS
+    from meshmash_viewer.features import MATCHED_COLUMNS, MATCHED_KIND
     from meshmash_viewer.fields import EXPORTS, FEATURES
     from meshmash_viewer.fields.table import SWEPT
     from meshmash_viewer.io.writers import MESH_WRITERS, SPECTRUM_WRITERS
@@ -139,7 +139,10 @@ def command_parser() -> ArgumentParser:
     compare = command("compare", "compare two meshes", 2)
     kinds = tuple(family.export for family in FEATURES.values())
     compare.add_argument(
-        "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
+        "--kind",
+        choices=kinds,
+        default=MATCHED_KIND,
+        help=f"features to match vertices in, default {MATCHED_KIND}",
     )
     about = f"number of columns, default {MATCHED_COLUMNS}"
     add_options(compare, "--n-components", help=about)

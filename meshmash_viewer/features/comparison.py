@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.features import MATCHED_COLUMNS
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.features.functional_map import (
     AMBIGUOUS,
-    MATCHED_COLUMNS,
     FunctionalMap,
     functional_map,
     inverse_matches,

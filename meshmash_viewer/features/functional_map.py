@@ -33,6 +33,7 @@ from scipy.spatial import KDTree
 
 from meshmash_viewer.arrays import FloatArray, IntArray, blocks
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features import MATCHED_COLUMNS
 from meshmash_viewer.features.copies import Placed, copied, nearest_by_position
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.features.shape import Matches
@@ -50,8 +51,6 @@ from meshmash_viewer.spectral.eigenpairs import (
 _FIRST, _LAST = 30, 150
 #: Eigenfunctions added in a step of the refinement.
 _STEP = 10
-#: Number of columns of the features that shapes are matched by, if none is given.
-MATCHED_COLUMNS = 100
 #: Number of descriptors whose multiplication commutes with the map.
 _PRODUCTS = 10
 #: Number of functions of the first map if there are fewer descriptors than that.

@@ -180,6 +180,8 @@ class Session(Parameters):
     second_map_names: list[str] = parameter(list, _NAMES)
     second_kept_maps: list[str] = parameter(list, Listing(Text(200), 1000))
     second_repairs: list[str] = parameter(list, _REPAIRS)
+    #: Like `part`, for the second mesh.
+    second_part: str = parameter("", _MASK)
     #: Names of the active links between the views of the two meshes.
     links: list[str] = parameter(list, Listing(Text(100), 100, different=True))
     #: Settings of the matching of vertices: the feature, whether the match is refined, whether

@@ -12,6 +12,7 @@ import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features import MATCHED_COLUMNS, MATCHED_KIND
 from meshmash_viewer.features.comparison import (
     Comparison,
     Correspondence,
@@ -21,7 +22,6 @@ from meshmash_viewer.features.comparison import (
     matched_top,
     unit_area_spectrum,
 )
-from meshmash_viewer.features.functional_map import MATCHED_COLUMNS
 from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.io.provenance import export_options
@@ -113,7 +113,7 @@ class MatchedDocuments:
         self.carries = False
         #: The feature by which vertices are matched, a key of `MATCHED_IN`, and whether they are
         #: matched by a functional map, refined by ZoomOut. To change them, use `match_by`.
-        self.matched_in, self.refined = "wks", False
+        self.matched_in, self.refined = MATCHED_KIND, False
         self._request: ComparisonRequest | None = None
         #: The request whose result is `comparison`.
         self._answered: ComparisonRequest | None = None

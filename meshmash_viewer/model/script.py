@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from meshmash_viewer.features import MATCHED_COLUMNS
 from meshmash_viewer.features.comparison import Correspondence
-from meshmash_viewer.features.functional_map import MATCHED_COLUMNS
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.links import shown_path

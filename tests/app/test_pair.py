@@ -42,10 +42,12 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.plots.plot import MatrixView
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.second_view import SecondView
+from meshmash_viewer.app.sessions import session_of
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.picture import displayed_surface
 from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.io.session import unpacked_mask
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.model.limits import LockedLimits
@@ -811,6 +813,37 @@ def test_the_match_is_saved(
     wait_for(lambda: bar.notice is not None and str(path) in bar.notice.text)
     with np.load(path) as file:
         np.testing.assert_array_equal(file["features"][:, 0], opened.pair.comparison.forth.indices)
+
+
+@pytest.mark.slow
+def test_the_second_is_computed_on_a_mask_of_its_own(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pair = beside(window, folder / "other.npz", monkeypatch).pair
+    second = pair.second
+    button = part(window, QPushButton, "second_mask_button")
+    inside = second.mesh.vertices[:, 2] > -0.3
+    QTest.mouseClick(button, LEFT)
+    assert "Display a map of the second mesh first" in window.stage.message_bar.notice.text
+    second.maps.add(second.mesh, [mv.VertexMap("inside", inside.astype(float))])
+    second.maps.show("inside")
+    QTest.mouseClick(button, LEFT)
+    wait_for(lambda: second.part_mesh is not None and second.spectrum is not None)
+    rest(window)
+    expected = second.mesh.masked(inside).referenced
+    np.testing.assert_array_equal(second.part_mesh.referenced, expected)
+    assert window.document.part_mesh is None, "the mask is of the second mesh only"
+    wait_for(lambda: not pair.comparing and pair.comparison is not None)
+    stored = session_of(window.document, {}, pair)
+    np.testing.assert_array_equal(unpacked_mask(stored.second_part, len(inside)), expected)
+    assert stored.part == ""
+    window.actions_["undo"].trigger()
+    wait_for(lambda: second.part_mesh is None)
+    window.actions_["redo"].trigger()
+    wait_for(lambda: second.part_mesh is not None)
+    rest(window)
+    QTest.mouseClick(button, LEFT)
+    wait_for(lambda: second.part_mesh is None)
 
 
 def drop(window: MainWindow, *paths: Path, share: float = 0.75) -> None:

@@ -27,6 +27,7 @@ from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.mesh import mask_text
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.matching import MATCHED_IN
+from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pair import CAMERAS, LINKS, Pair
 from meshmash_viewer.units import format_number, format_share
 
@@ -166,6 +167,11 @@ class PairPanel(QWidget):
                 lambda pair, *_: save_labels(self, pair.second, self.write_requested.emit)
             ),
         )  # fmt: skip
+        self.mask_button = make.button(
+            "", "second_mask_button", "Compute the second mesh on a mask of its own", self._mask,
+            tip="The mask is the map displayed on the second mesh: vertices with a label, or with a"
+            " value other than 0",
+        )  # fmt: skip
         #: Controls of the second mesh, created for each second mesh.
         self.health: HealthTable | None = None
         self._unit_combo: UnitCombo | None = None
@@ -192,7 +198,7 @@ class PairPanel(QWidget):
                 row((make.heading("Second mesh"),), self.undo_button),
                 self._second,
                 row(self.map_button, self.export_button, None),
-                row(self.labels_button, None),
+                row(self.labels_button, self.mask_button, None),
             )
         )
         whole = make.holder(
@@ -231,6 +237,22 @@ class PairPanel(QWidget):
                     first = document is self._pair.first
                     name = first_repair("keep_largest_component", document.ready.health)
                     document.repair(name, then_compute=first)
+
+    def _mask(self) -> None:
+        """Compute the second mesh on the mask of its displayed map, or again as a whole."""
+        assert self._pair is not None
+        second = self._pair.second
+        if second.part_mesh is not None or second.mesh is None:
+            second.take_part(None, then_compute=True)
+        elif not second.maps.displayed:
+            second.notices.say(
+                "Display a map of the second mesh first: its vertices with a label, or with a value"
+                " other than 0, are the mask.",
+                Severity.WARNING,
+            )
+        else:
+            mask = second.mesh.map_named(second.maps.displayed).marked
+            second.take_part(mask, then_compute=True)
 
     def _save(self) -> None:
         path = ask_to_save(self, self._document, "match", "match.npz", "Tables", WRITERS)
@@ -292,6 +314,8 @@ class PairPanel(QWidget):
         for control in (self.map_button, self.export_button):
             control.setEnabled(other is not None)
         self.labels_button.setEnabled(pair.second.labels.current is not None)
+        self.mask_button.setText("Whole mesh" if pair.second.part_mesh else "On its map")
+        self.mask_button.setEnabled(other is not None and pair.second.work.job is None)
         figures, matches = dict[str, str](), dict[str, str]()
         if found is not None:
             figures = {
@@ -333,8 +357,8 @@ class PairPanel(QWidget):
             if first.part is not None and second.part is None:
                 remarks.append(
                     f"the first is computed on the mask {mask_text(first.part.mesh)}, the second on"
-                    " the whole, which alone makes eigenvalues and features differ; compute the"
-                    " first on the whole, too, to compare shapes."
+                    " the whole, which alone makes eigenvalues and features differ; compute both on"
+                    " a mask, or both on the whole, to compare shapes."
                 )
         make.show_note(self.remark, " ".join(each[0].upper() + each[1:] for each in remarks))
         self.largest_button.setVisible(counts[0] != counts[1])
