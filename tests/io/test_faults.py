@@ -127,12 +127,20 @@ PLY = b"ply\nformat ascii 1.0\nend_header\n"
             "is a dataset of AFNI; write it as GIFTI, with ConvertDset -o_gii",
         ),
         ("a.mz3", b"MZ\3\0\0\5\0\0", "is a file of Surf Ice (MZ3); save it there as PLY, OBJ or"),
-        ("a.mz3", gzip.compress(b"MZ\x0b\0\0\5"), "is a file of Surf Ice (MZ3); save it there as"),
+        (
+            "a.mz3",
+            gzip.compress(b"MZ\x0b\0\0\5", mtime=0),
+            "is a file of Surf Ice (MZ3); save it there as",
+        ),
         ("mid.obj", b"P 0.3 0.3 0.4 10 1 642\n -2", "is an object file of MNI and CIVET; convert"),
-        ("mid.obj.gz", gzip.compress(b"P 0 0 1. 1e1 1 42\n"), "with obj_mni2wf of the Python pack"),
+        (
+            "mid.obj.gz",
+            gzip.compress(b"P 0 0 1. 1e1 1 42\n", mtime=0),
+            "with obj_mni2wf of the Python pack",
+        ),
         (
             "mesh.obj.gz",
-            gzip.compress(PLY),
+            gzip.compress(PLY, mtime=0),
             "is a PLY file by its content; change its ending to .p",
         ),
         ("mesh.ply", b"<!DOCTYPE html><html>", "is a web page; download the file"),
