@@ -299,14 +299,13 @@ def test_proof_cost_and_compute_speak_of_one_state(
     assert text_of(window, "cost_label") == f"Computed: {found} pairs."
     assert not button.isEnabled()
     assert not action.isEnabled()
-    type_in(window, "target_count_spin", "5")
-    assert text_of(window, "cost_label") == f"Computed: {found} pairs, of which 5 are asked for."
-    assert not button.isEnabled()
-    type_in(window, "target_count_spin", f"{found + 1}")
-    assert "Takes about" in text_of(window, "cost_label")
-    assert button.isEnabled()
-    assert action.isEnabled()
-    type_in(window, "target_count_spin", f"{found}")
+    for count in (5, found, found + 1):  # each is another request
+        type_in(window, "target_count_spin", f"{count}")
+        assert "Takes about" in text_of(window, "cost_label")
+        assert button.isEnabled()
+        assert action.isEnabled()
+    type_in(window, "target_wavelength_spin", "800")
+    assert text_of(window, "cost_label") == f"Computed: {found} pairs."
     assert not button.isEnabled()
     QTest.mouseClick(part(window, "robust_check"), LEFT, pos=QPoint(8, 8))
     assert part(window, "compute_button").isEnabled(), "of another Laplacian there are none"
@@ -329,12 +328,15 @@ def test_a_proof_is_of_what_is_computed_and_not_of_a_preview(
     assert said.startswith("5 pairs · complete")
     assert said.endswith(" · 15 more from a preview")
     assert text_of(window, "cost_label") == "Computed: 5 pairs."
-    cancelled = replace(exact.first(3), total=30, certificate=Certificate("none"))
+    asked, none = Target("count", 30), Certificate("none")
+    cancelled = replace(exact.first(3), total=30, certificate=none, target=asked)
     preview = cancelled.before(Eigenpairs(values, rows, nothing, n_exact=0, error=0.1))
+    window.document.solve.target = asked
     window.document.accept_spectrum(preview)
-    assert text_of(window, "proof_label") == (
-        "3 pairs of 30, stopped early: Compute resumes here · 17 more from a preview."
-    )
+    stopped, more = "3 pairs of 30, stopped early", " · 17 more from a preview."
+    assert text_of(window, "proof_label") == f"{stopped}: Compute resumes here{more}"
+    type_in(window, "target_count_spin", "5")
+    assert text_of(window, "proof_label") == f"{stopped}{more}", "another request"
 
 
 # -- another mesh ------------------------------------------------------------------------------
