@@ -98,7 +98,7 @@ def test_a_gap_that_takes_any_value_is_the_same_gap(pairs: Decomposition) -> Non
     [
         (
             lambda p, f, h: filter_map(f, p, h),
-            r"filter_map.* takes eigenpairs as solve returns them, not of type ndarray",
+            r"filter_map.* takes eigenpairs as .* return them, not of type ndarray",
         ),
         (lambda p, f, h: filter_map(h, f, p), "takes eigenpairs"),
         (lambda p, f, h: filter_map(p, h, f), "filter comes last"),

@@ -139,7 +139,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " to be solved whole"),
     "--accept-seams": {
         "action": "store_true",
-        "help": "with --pieces: write features that differ by more than 10 % where pieces meet",
+        "help": "with --pieces: write features that differ by more than 10 %% where pieces meet",
     },
     # points
     "--points": _takes(Path, "FILE", "table of points, such as synapses: CSV, Parquet or Feather"),

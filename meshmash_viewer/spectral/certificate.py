@@ -85,7 +85,7 @@ class Certificate:
         If none is missing, the pairs below a gap are as many as the eigenvalues below it. The
         orthonormality remains that of all pairs, an upper bound.
         """
-        worst = int(np.argmax(residuals[:count])) if count else 0
+        worst = int(np.argmax(residuals[:count])) if len(residuals[:count]) else 0
         first = replace(self, residual=float(residuals[:count].max(initial=0.0)))
         first = replace(first, residual_index=worst)
         gaps = np.diff(values)[max(count - 1, 0) :]

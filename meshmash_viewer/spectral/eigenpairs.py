@@ -396,6 +396,11 @@ def as_eigenpairs(call: str, given: EigenpairsLike, mesh: MeshLike | None = None
             f"{call} takes eigenpairs as solve or decompose_mesh return them, not of type"
             f" {type(given).__name__}."
         )
+    if not len(given.mass) and (given.mesh is not None or mesh is not None):
+        from meshmash_viewer.mesh import as_mesh
+
+        surface = given.mesh if given.mesh is not None else as_mesh(mesh)
+        given = replace(given, mass=surface.vertex_areas)
     if len(given.mass) != given.rows.shape[1]:
         raise InputError(
             f"The eigenpairs have {given.rows.shape[1]} vertices, and areas of {len(given.mass)}:"

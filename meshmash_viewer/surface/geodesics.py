@@ -56,8 +56,9 @@ class GeodesicSolver:
         `InputError` is raised if the vertex does not exist.
         """
         found, places = self.nearest([vertex]), self.mesh.vertices
-        straight = np.linalg.norm(places - places[vertex], axis=1)
-        np.maximum(found, straight, out=found)
+        reached = np.isfinite(found)
+        straight = np.linalg.norm(places[reached] - places[vertex], axis=1)
+        found[reached] = np.maximum(found[reached], straight)
         return found
 
     def nearest(self, vertices: npt.ArrayLike) -> FloatArray:

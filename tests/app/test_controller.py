@@ -231,7 +231,7 @@ def test_field_that_cannot_be_computed_is_a_sentence(
 ) -> None:
     show(document, rectangle)
     qtbot.waitUntil(lambda: source.idle)
-    broken = Eigenpairs(np.arange(3.0), np.zeros((1, rectangle.n_vertices)), np.zeros(3))
+    broken = Eigenpairs(np.arange(500.0), np.zeros((1, rectangle.n_vertices)), np.zeros(500))
     document.display.change(Eigenfunctions, index=2)
     said: list[Notice] = []
     document.notices.shown.connect(said.append)

@@ -38,6 +38,9 @@ from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import VertexMap
 
+#: A repair of components that touch.
+pytestmark = pytest.mark.filterwarnings("ignore:.*keep_largest_component leaves")
+
 
 @pytest.fixture
 def document(sphere: Mesh) -> Document:
