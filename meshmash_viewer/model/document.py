@@ -230,7 +230,8 @@ class Document(OpenMesh):
             ready = replace(self._settled(), part=result.part)
             # a session is restored with its own parameters
             self._take_part(ready, result.known, resets=self._records_part)
-            self._restore_target(result.known)
+            if not self._computes_part:
+                self._restore_target(result.known)
 
     def _take_part(
         self, ready: MeshReady, spectrum: Eigenpairs | None, *, resets: bool = True
@@ -360,7 +361,8 @@ class Document(OpenMesh):
             if ready.unasked:
                 text = f"Repaired as before: {listed_repairs(ready.repairs)}."
                 self._offer_undo(text)
-        self._restore_target(ready.known)
+        if self._computes_after is None:
+            self._restore_target(ready.known)
         if self._maps_of is not None and self._maps_of[0] == ready.path:
             (_, files), self._maps_of = self._maps_of, None
             self.maps.open(files)
