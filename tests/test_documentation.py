@@ -121,11 +121,14 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     parts = mv.read_labels(labels_path("neuron"), neuron)
     mv.write_classes(folder / "spines.skops", mv.train_classes(neuron, parts, scored=False))
     freesurfer: Any = nibabel.freesurfer
-    cortex = trimesh.creation.icosphere(4, 50.0)
+    cortex = trimesh.creation.icosphere(4)
+    x, y, z = cortex.vertices.T  # without a symmetry, which would make matches ambiguous
+    radii = 50 + 15 * y**2 + 12 * x + 10 * z * np.sin(3 * x) + 8 * np.sin(2 * y + x)
+    cortex.vertices *= radii[:, None] * [1.0, 1.6, 1.2]
     for name in ("lh.pial", "rh.pial"):
         freesurfer.write_geometry(folder / name, cortex.vertices, cortex.faces)
     freesurfer.write_morph_data(folder / "lh.thickness", cortex.vertices[:, 0])
-    labels = (cortex.vertices[:, 0] > 0).astype(int)
+    labels = (x > 0).astype(int)
     colors = np.array([[200, 0, 0, 0, 1], [0, 0, 200, 0, 2]])
     freesurfer.write_annot(folder / "lh.aparc.annot", labels, colors, ["one", "two"], True)
     return folder
