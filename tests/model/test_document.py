@@ -13,7 +13,7 @@ from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Notice
-from meshmash_viewer.model.open_mesh import MeshReady
+from meshmash_viewer.model.open_mesh import MeshReady, PartReady
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -172,6 +172,15 @@ def test_opening_restores_what_was_asked_for(document: Document, sphere: Mesh) -
     document.accept_mesh(replace(ready_of(sphere, "b.ply"), known=part))
     assert document.solve.target == Target("count", 300)  # which Compute resumes
     assert not document.solve.is_computed
+    # a repair or part with Compute computes what was asked for
+    document.solve.target = asked = Target("count", 20)
+    repaired = replace(ready_of(sphere, "b.ply"), known=stored, derived=True)
+    document.repair("drop_duplicate_faces", then_compute=True)
+    document.accept_mesh(repaired)
+    assert document.solve.target == asked
+    document.take_part(None, then_compute=True)
+    document.accept_part(PartReady(None, stored, ""))
+    assert document.solve.target == asked
 
 
 def test_a_change_of_unit_is_said_and_can_be_taken_back(document: Document) -> None:
