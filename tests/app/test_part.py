@@ -91,7 +91,7 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
     assert f"{mask.sum():,} of {mesh.n_vertices:,}" in part(solved, "part_label").text()
     assert not part(solved, "compute_selection_button").isVisible()  # already computed
     said = f" · on the mask of {mask.sum():,} of {mesh.n_vertices:,} vertices only"
-    assert part(solved, "proof_label").text().endswith(said)
+    assert said in part(solved, "proof_label").text()
     # values outside are NaN, on the render and in a file of the whole mesh
     assert solved.scene.mesh is mesh
     assert np.array_equal(~np.isnan(solved.controller.field.values), mask)
@@ -103,7 +103,7 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
         assert np.array_equal(~np.isnan(written["features"]).any(axis=1), mask)
         assert np.array_equal(written["faces"], mesh.faces)
         made = json.loads(str(written["meta"]))["options"]
-    assert made["proof"].endswith(said)
+    assert said in made["proof"]
     assert made["mask"] == f"of {mask.sum():,} of {mesh.n_vertices:,} vertices"
     # undo, redo, and compute the whole mesh by its button
     document.history.undo()

@@ -13,7 +13,6 @@ from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.open_mesh import MeshReady
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity
 
 
@@ -47,7 +46,7 @@ def test_the_slider_goes_through_log_energies(qtbot: QtBot, document: Document) 
 
 def test_too_few_pairs_are_said(qtbot: QtBot, document: Document) -> None:
     whole = document.spectrum
-    document.accept_spectrum(Eigenpairs(whole.eigenvalues[:2], whole.rows[:2], whole.residuals[:2]))
+    document.accept_spectrum(whole.first(2))
     tab = make_tab(document, WaveKernelSignature)
     qtbot.addWidget(tab)
     assert "two different eigenvalues" in tab.findChild(QLabel, "wks_missing_label").text()
