@@ -191,7 +191,7 @@ def test_a_field_that_is_scrolled_under_the_pointer_is_not_changed(
     window: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(field_events, "_TURN", 10**9)  # as on a slow machine
-    field = window.findChild(QWidget, "target_count_spin")
+    field = window.findChild(QWidget, "target_time_spin")
     area = window.mesh_panel.findChild(QScrollArea)
     field.setFocus()
     before = state(field)
