@@ -354,6 +354,8 @@ class MeshPanel(QWidget):
             text = "Nothing computed yet."
         self.proof_label.setText(text)
         count = self._document.solve.measurable
+        if not count and self.resolution_button.hasFocus():
+            self.window().setFocus()  # Qt would focus the next control, and scroll to it
         self.resolution_button.setVisible(count > 0)
         if spectrum is not None and count:
             which = "" if count == exact else f"Of the first {counted(count, 'pair')}. "
