@@ -18,6 +18,15 @@ class InputError(ValueError):
     The command line prints the sentence and exits with status 2; the window shows it in its
     message bar. Any other exception is a defect of the program and is reported as such.
 
+    Parameters
+    ----------
+    code : str
+        Kind of the fault, such as "file-not-found", which programs and tests compare.
+    fault : str
+        What is wrong and where, without a final full stop.
+    remedy : str
+        What to do, without a final full stop.
+
     Examples
     --------
     >>> try:
@@ -26,6 +35,14 @@ class InputError(ValueError):
     ...     print(error)
     nowhere.ply does not exist; check the spelling of its name and folder.
     """
+
+    def __init__(self, code: str, fault: str = "", remedy: str = "") -> None:
+        whole = f"{fault}: {remedy}." if remedy else f"{fault}."
+        if not fault:  # a plug-in gives one sentence
+            whole, fault, code = code, code.removesuffix("."), ""
+        #: Kind of the fault, what is wrong, and what to do.
+        self.code, self.fault, self.remedy = code, fault, remedy
+        super().__init__(whole)
 
 
 class UnprovenError(InputError):
