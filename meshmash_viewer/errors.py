@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterable
 
 #: Names of packages that differ from the imported module.
 _PACKAGES = {
@@ -109,18 +110,42 @@ def of_mesh(name: str) -> str:
     return f"{printable(name)}: " if name else ""
 
 
+def unknown(kind: str, name: object, known: Iterable[object]) -> InputError:
+    """Return the fault of a name that is not one of those known."""
+    choice = ", ".join(map(str, known)) or "none"
+    return InputError("unknown-name", f"There is no {kind} {name!r}", f"give one of {choice}")
+
+
+def wrong_shape(what: str, shape: object, wanted: str) -> InputError:
+    """Return the fault of an array: "Points have shape (4,): give x, y and z for each"."""
+    return InputError("wrong-shape", f"{what} have shape {shape}", f"give {wanted}")
+
+
+def other_mesh(what: str, count: int, n: int, remedy: str = "") -> InputError:
+    """Return the fault of data at `count` vertices, used with a mesh of `n`."""
+    remedy = remedy or "give the mesh that was decomposed"
+    return InputError("other-mesh", f"{what} have {count:,} vertices, and the mesh {n:,}", remedy)
+
+
+def package_missing(subject: str, module: str, extra: str = "") -> InputError:
+    """Return the fault of a module that is not installed; `subject` is such as "Domains need"."""
+    package = _PACKAGES.get(module, module)
+    wanted = f'"meshmash-viewer[{extra}]"' if extra else package
+    fault = f"{subject} {package}, which is not installed"
+    return InputError("package-missing", fault, f"pip install {wanted}")
+
+
 def not_installed(module: str, extra: str = "") -> str:
     """Return a clause on a missing module: "x, which is not installed: pip install x"."""
-    package = _PACKAGES.get(module, module)
-    remedy = f'"meshmash-viewer[{extra}]"' if extra else package
-    return f"{package}, which is not installed: pip install {remedy}"
+    missing = package_missing("", module, extra)
+    return f"{missing.fault.strip()}: {missing.remedy}"
 
 
 def require(subject: str, extra: str, *modules: str) -> None:
-    """Raise `InputError` if a module is not installed; `subject` is such as "Domains need"."""
+    """Raise `package_missing` unless the modules are installed."""
     for module in modules:
         if importlib.util.find_spec(module) is None:
-            raise InputError(f"{subject} {not_installed(module, extra)}.")
+            raise package_missing(subject, module, extra)
 
 
 def missing_module(fault: BaseException) -> str:

@@ -240,8 +240,21 @@ def whole_number(count: float, name: str, most: float = math.inf) -> int:
     """Return a count as int; raise `InputError` with its `name` unless whole, from 1 to `most`."""
     if not (is_real(count) and math.isfinite(count) and 1 <= count <= most and count == int(count)):
         limit = f" to {most:,}" if math.isfinite(most) else ""
-        raise InputError(f"{name} is {count}: give a whole number from 1{limit}.")
+        raise InputError("out-of-range", f"{name} is {count}", f"give a whole number from 1{limit}")
     return int(count)
+
+
+def check_number(value: float, name: str, low: float = 0.0, high: float = math.inf) -> None:
+    """Raise `InputError` unless `value` is a finite number from `low` to `high`."""
+    if not (is_real(value) and math.isfinite(value) and low <= value <= high):
+        limit = f" to {high:g}" if math.isfinite(high) else ""
+        raise InputError("out-of-range", f"{name} is {value}", f"give a number from {low:g}{limit}")
+
+
+def check_positive(value: float | None, name: str) -> None:
+    """Raise `InputError` unless `value` is a finite number above 0."""
+    if value is None or not (is_real(value) and 0.0 < value < math.inf):
+        raise InputError("out-of-range", f"{name} is {value}", "give a positive number")
 
 
 def named_quantity(name: str, unit: str, power: int = 1) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, blocks
-from meshmash_viewer.errors import InputError, not_installed
+from meshmash_viewer.errors import InputError, package_missing
 from meshmash_viewer.features.truncation import (
     Truncation,
     check_tail,
@@ -136,7 +136,7 @@ class Features:
         try:
             import pandas
         except ModuleNotFoundError:
-            raise InputError(f"A DataFrame needs {not_installed('pandas')}.") from None
+            raise package_missing("A DataFrame needs", "pandas") from None
         frame = pandas.DataFrame(self.values.copy(), columns=list(self.columns))
         frame.attrs.update(unit=self.unit, kind=self.kind)
         return frame

@@ -16,7 +16,7 @@ from importlib import metadata
 
 from psygnal import EmitLoopError, Signal
 
-from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
+from meshmash_viewer.errors import InputError, missing_module, package_missing, printable
 from meshmash_viewer.io.atomic import log_folder
 
 
@@ -131,7 +131,7 @@ def failure_of(fault: BaseException, doing: str = "") -> Failure:
     if isinstance(fault, InputError):
         return Failure(str(fault), correctable=True)
     if missing := missing_module(fault):
-        return Failure(f"This needs {not_installed(missing)}.", correctable=True)
+        return Failure(str(package_missing("This needs", missing)), correctable=True)
     details = "".join(traceback.format_exception(fault))
     if isinstance(fault, MemoryError):
         text = "Memory ran out: ask for fewer eigenpairs, or close other programs."
