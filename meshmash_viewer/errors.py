@@ -45,6 +45,14 @@ class InputError(ValueError):
         self.code, self.fault, self.remedy = code, fault, remedy
         super().__init__(whole)
 
+    def of(self, subject: object, remedy: str = "") -> InputError:
+        """Return this fault with its subject, such as a file, and a remedy if it has none.
+
+        A clause, "has no faces", follows the subject; a sentence, "Map 'x' is empty", a colon.
+        """
+        colon = "" if self.fault[:1].islower() else ":"
+        return InputError(self.code, f"{subject}{colon} {self.fault}", self.remedy or remedy)
+
 
 class UnprovenError(InputError):
     """Failure to compute or certify the eigenpairs of a matrix in double precision."""

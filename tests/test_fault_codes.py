@@ -1,0 +1,39 @@
+"""Each fault of the package has one of a small set of codes."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import meshmash_viewer
+
+PACKAGE = Path(meshmash_viewer.__file__).parent
+#: Folders and modules whose faults are still one sentence.
+_SENTENCES = ("io", "cli", "split", "app", "model", "features", "fields", "learn", "spectral",
+              "surface", "errors.py", "health.py", "laplacian.py", "mesh.py", "plug_ins.py",
+              "quantities.py", "triangulation.py", "units.py", "vertex_map.py", "work.py",
+              "fault_places.py", "decompose.py")  # fmt: skip
+
+
+def _first_arguments() -> Iterator[tuple[str, ast.expr]]:
+    """Yield the place and the first argument of each `InputError`."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        where = path.relative_to(PACKAGE)
+        if where.parts[0] in _SENTENCES:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "InputError":
+                yield f"{where}:{node.lineno}", node.args[0]
+
+
+def test_codes_are_literal_words_with_hyphens() -> None:
+    wrong = {
+        where: ast.unparse(code)
+        for where, code in _first_arguments()
+        if not (
+            isinstance(code, ast.Constant) and re.fullmatch("[a-z]+(-[a-z]+)*", str(code.value))
+        )
+    }
+    assert wrong == {}
