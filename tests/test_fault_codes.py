@@ -11,10 +11,12 @@ import meshmash_viewer
 
 PACKAGE = Path(meshmash_viewer.__file__).parent
 #: Folders and modules whose faults are still one sentence.
-_SENTENCES = ("arrays.py", "io", "cli", "split", "app", "model", "features", "fields", "learn", "spectral",
-              "surface", "errors.py", "health.py", "laplacian.py", "mesh.py", "plug_ins.py",
-              "quantities.py", "triangulation.py", "units.py", "vertex_map.py", "work.py",
-              "fault_places.py", "decompose.py")  # fmt: skip
+_SENTENCES = (
+    "arrays.py", "io", "cli", "split", "app", "model", "features", "fields", "learn", "spectral",
+    "surface", "errors.py", "health.py", "laplacian.py", "mesh.py", "plug_ins.py",
+    "quantities.py", "triangulation.py", "units.py", "vertex_map.py", "work.py",
+    "fault_places.py", "decompose.py", "structures.py", "pieces.py", "samples",
+)  # fmt: skip
 
 
 def _first_arguments() -> Iterator[tuple[str, ast.expr]]:
