@@ -1,22 +1,19 @@
-"""Background work of a window: jobs, file access, and threads that process the newest request."""
+"""Background work of a window: jobs, and file access."""
 
 from __future__ import annotations
 
-import threading
-import weakref
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from functools import cache
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-import shiboken6
-from PySide6.QtCore import QObject, Qt, QThread, QThreadPool, QTimer, QUrl, Signal
+from PySide6.QtCore import QObject, Qt, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices
 
-from meshmash_viewer.app.listening import listen, stop_listening
+from meshmash_viewer.app.executor import Slot
+from meshmash_viewer.app.listening import listen, receive, stop_listening
 from meshmash_viewer.app.view.camera import geometry_of
 from meshmash_viewer.model.classes import ClassesJob, Classified
 from meshmash_viewer.model.decomposition import is_worthwhile
@@ -34,155 +31,11 @@ from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of,
 from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, PartReady, RegionsReady, Written
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.worker import Worker
-from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
+from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
 from meshmash_viewer.work import Job
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
-
-Request = TypeVar("Request")
-
-
-class LatestThread(QThread, Generic[Request]):
-    """Thread that processes one request at a time; a newer request replaces the waiting one.
-
-    `work` is called in this thread with a request and a function that returns True once the answer
-    is not needed; `work` may then raise `Cancelled`. `take`, a bound method of a QObject, is called
-    in the object's thread with a request and its answer, or with the exception raised by `work`.
-    The work begins after `rest` seconds without a newer request. With `one_core`, linear algebra
-    uses this thread only: more threads would compete with the interface thread, and make products
-    several times slower while the solver runs. The limit applies to the whole process and is
-    removed after each request.
-    """
-
-    #: A request and its answer; `work` may also emit the signal with intermediate answers.
-    answered = Signal(object, object)
-
-    def __init__(
-        self,
-        work: Callable[[Request, CancelCallback], Any],
-        take: Callable[[Request, Any], None] | None = None,
-        rest: float = 0.0,
-        parent: QObject | None = None,
-        *,
-        one_core: bool = False,
-    ) -> None:
-        super().__init__(parent)
-        if parent is not None:
-            # Qt aborts if a running thread is destroyed; the weak reference avoids a cycle
-            held = weakref.ref(self)
-            parent.destroyed.connect(lambda: _close(held))
-        if take is not None:
-            self.answered.connect(take, Qt.ConnectionType.QueuedConnection)
-        self._work = work
-        self._rest = rest
-        self._one_core = one_core
-        self._condition = threading.Condition()
-        self._next: Request | None = None
-        self._dropped = False
-        self._closing = False
-        self._working = False
-        self.start()
-
-    @property
-    def working(self) -> bool:
-        """Whether a request is waiting or being processed."""
-        return self._working
-
-    def ask(self, request: Request) -> None:
-        """Replace the waiting request; ignored after `close`."""
-        with self._condition:
-            if not self._closing:
-                self._next = request
-                self._working = True
-                self._condition.notify()
-
-    def drop(self) -> None:
-        """Drop the waiting request, and cancel the current request."""
-        with self._condition:
-            self._next = None
-            self._dropped = True
-            self._condition.notify()
-
-    def close(self) -> None:
-        """Cancel the current request, and wait until the thread has ended."""
-        with self._condition:
-            self._closing = True
-            self._condition.notify()
-        self.wait()
-
-    # -- in the thread ------------------------------------------------------------------------
-
-    def stays(self, seconds: float) -> bool:
-        """Return, after some seconds, whether the current request is still the latest."""
-        with self._condition:
-            return not self._condition.wait_for(
-                lambda: self._next is not None or self._given_up(), seconds
-            )
-
-    def run(self) -> None:
-        while self._serve():
-            pass
-
-    def _serve(self) -> bool:
-        """Process the next request; return False after `close`.
-
-        No reference to the request is kept, because it may contain a mesh or an open file.
-        """
-        request = self._take()
-        if request is None:
-            return False
-        answer: Any
-        try:
-            with self._limits():
-                answer = self._work(request, self._given_up)
-        except Cancelled:
-            return True
-        except Exception as fault:  # noqa: BLE001  passed on as the answer
-            answer = fault
-        self.answered.emit(request, answer)
-        return True
-
-    def _take(self) -> Request | None:
-        latest: Request | None
-        with self._condition:
-            while not self._closing:
-                if self._next is None:
-                    latest = None  # keep no reference while waiting
-                    self._working = False
-                    self._condition.wait()
-                    continue
-                latest = self._next
-                if self._rest and self._condition.wait(self._rest):
-                    continue  # a newer request has arrived, or the thread is being closed
-                if self._next is latest:
-                    self._next, self._dropped = None, False
-                    return latest
-            return None
-
-    def _limits(self) -> AbstractContextManager[Any]:
-        return _libraries().limit(limits=1, user_api="blas") if self._one_core else nullcontext()
-
-    def _given_up(self) -> bool:
-        return self._dropped or self._closing
-
-
-@cache
-def _libraries() -> ThreadpoolController:
-    """Return the controller of the linear algebra libraries, cached because it is slow to make."""
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
-
-
-def _close(held: weakref.ref[LatestThread[Any]]) -> None:
-    thread = held()
-    if thread is not None:
-        thread.close()
-
 
 Result = TypeVar("Result")
 
@@ -192,49 +45,38 @@ SHOW_IN_FOLDER = "Show in folder"
 
 
 class BackgroundIO(QObject):
-    """Thread for file access: runs functions in sequence, and shows failures as notices.
+    """File access in the background: calls functions in order, and shows failures as notices.
 
-    The thread also reads the map files that the document requests.
+    The map files that the document requests are read too.
     """
-
-    _done = Signal(object, object)
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._document = document
-        self._pool = QThreadPool(self, maxThreadCount=1)
-        self._waiting = 0
+        self._slot = Slot(self, "files")
         self._failures: list[Failure] = []
         self._remarks: list[str] = []
-        self._done.connect(self._end, Qt.ConnectionType.QueuedConnection)
-        document.maps.requested.connect(self.read_maps)
+        receive(document.maps.requested, self.read_maps)
 
     @property
     def idle(self) -> bool:
-        return self._waiting == 0
+        return not self._slot.working
 
     def run(self, doing: str, work: Callable[[], Result], then: Callable[[Result], object]) -> None:
-        """Call `work` in the thread, then `then` with its result in the interface thread.
+        """Call `work` in a thread, then `then` with its result in the interface thread.
 
         `doing` names the task in the message of a failure, such as "Writing shape.ply".
         """
 
-        def task() -> None:
+        def call(_: object) -> Callable[[], object]:
             try:
-                result = work()
+                return partial(then, work())
             except Cancelled:
-                finish(lambda _: self._document.notices.say(f"Cancelled: {doing}."), None)
+                return partial(self._document.notices.say, f"Cancelled: {doing}.")
             except Exception as fault:  # noqa: BLE001  shown in the message bar
-                finish(self._failures.append, failure_of(fault, doing))
-            else:
-                finish(then, result)
+                return partial(self._failures.append, failure_of(fault, doing))
 
-        def finish(call: Callable[[Any], object], result: object) -> None:
-            if shiboken6.isValid(self):  # the program may have ended
-                self._done.emit(call, result)
-
-        self._waiting += 1
-        self._pool.start(task)
+        self._slot.submit(call, self._end, queued=True)
 
     def read_maps(self, paths: tuple[Path, ...], shown: bool, labels: bool) -> None:
         """Read maps or label sets for the open mesh; one message names all unreadable files."""
@@ -270,15 +112,8 @@ class BackgroundIO(QObject):
         if shown:
             QTimer.singleShot(_SLOW, self, say)
 
-    def close(self) -> None:
-        """Disconnect the signals, and wait for the running task."""
-        self._document.maps.requested.disconnect(self.read_maps)
-        self._done.disconnect(self._end)
-        self._pool.waitForDone()
-
-    def _end(self, then: Callable[[Any], object], result: object) -> None:
-        self._waiting -= 1
-        then(result)
+    def _end(self, then: Callable[[], object]) -> None:
+        then()
         if self.idle:
             self._show_failures()
         self._document.notices.review()
@@ -336,7 +171,7 @@ class Tasks(QObject):
         self._queue: list[Job] = []
         self._received.connect(self._take, Qt.ConnectionType.QueuedConnection)
         self.worker = Worker(self._prepare)
-        document.work.requested.connect(self.run)
+        receive(document.work.requested, self.run)
         listen(document.work.cancel_requested, self.cancel)
         listen(document.mesh_changed, self._on_mesh_changed)
 
@@ -382,7 +217,6 @@ class Tasks(QObject):
 
     def close(self) -> None:
         """Stop all jobs, end their processes and delete their temporary files."""
-        self._document.work.requested.disconnect(self.run)
         stop_listening(self)
         self._queue.clear()
         self.worker.close()

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from meshmash_viewer.app.background import LatestThread
-from meshmash_viewer.app.listening import listen, stop_listening
+from meshmash_viewer.app.executor import Call, Slot
+from meshmash_viewer.app.listening import listen
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy, Limits
 from meshmash_viewer.model.notices import Notice, Severity
-from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.progress import Cancelled
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
@@ -66,8 +67,8 @@ class Controller(QObject):
         self._shown: tuple[Field, Limits, ColorMap, bool] | None = None
         self._patience = QTimer(self, singleShot=True, interval=_LATE)
         self._patience.timeout.connect(self._announce)
-        self._fields = LatestThread(self._compute, self._take, parent=self, one_core=True)
-        self._tables = LatestThread(self.live.prepare, self._improve, _REST, self)
+        self._fields = Slot(self, "fields", one_core=True)
+        self._tables = Slot(self, "tables")
         listen(document.mesh_changed, self.show_mesh)
         listen(document.pins.changed, self._show_pins)
         listen(document.selection.changed, self._show_selection)
@@ -81,13 +82,6 @@ class Controller(QObject):
         listen((events.hide_small, document.hiding.changed), self._hide)
         listen(events.cut, self._show_cut)
         listen((*colors, events.log_scales, events.nodal_lines), self.show)
-
-    def close(self) -> None:
-        """Disconnect the signals, and wait for the threads."""
-        stop_listening(self)
-        self._patience.stop()
-        self._fields.close()
-        self._tables.close()
 
     @property
     def comes(self) -> bool:
@@ -119,25 +113,26 @@ class Controller(QObject):
         if request is not None:
             if not self._patience.isActive():
                 self._patience.start()
-            self._fields.ask(request)
+            self._compute_field(request)
 
-    def _compute(self, request: FieldRequest, _cancel: CancelCallback) -> Field | None:
-        """Compute a field and its limits; runs in the thread `_fields`."""
+    def _compute_field(self, request: FieldRequest) -> None:
+        self._fields.submit(
+            lambda _: self._computed(request), partial(self._take, request), self._fail
+        )
+
+    def _computed(self, request: FieldRequest) -> Field | None:
+        """Compute a field and its limits; runs in a thread."""
         field = compute_field(request, self.live)
         if field is not None:
             field.prepare_colors(self._policies.get(field.family.limits_key))
         return field
 
-    def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
+    def _take(self, request: FieldRequest, answer: Field | None) -> None:
         """Receive a field; the answer is None if its table has to be built first."""
         wanted, shown = self._wanted, self.field
-        if wanted is None or not wanted.same_mesh(request):
-            return
-        if isinstance(answer, Exception):
-            self._fail(answer)
-            return
+        assert wanted is not None  # else the calls are dropped
         if not self.live.prepared(wanted):
-            self._tables.ask(wanted)
+            self._prepare_table(wanted)
         if request != wanted and shown is not None and shown.request == wanted:
             return  # the wanted field is still displayed
         # show the field of an earlier slider position, but no field of another family
@@ -206,17 +201,24 @@ class Controller(QObject):
 
     # -- tables -------------------------------------------------------------------------------
 
-    def _improve(self, request: FieldRequest, fault: Exception | None) -> None:
+    def _prepare_table(self, request: FieldRequest) -> None:
+        """Build the table for a request once no newer one has come for a while."""
+
+        def prepare(call: Call) -> None:
+            if not call.stays(_REST):
+                raise Cancelled
+            self.live.prepare(request, call.cancelled)
+
+        self._tables.submit(prepare, lambda _: self._improve(request), self._fail)
+
+    def _improve(self, request: FieldRequest) -> None:
         """Compute the field again if it was computed without the new table."""
         wanted, field = self._wanted, self.field
-        if wanted is None or not wanted.same_mesh(request):
-            return
-        if fault is not None:
-            self._fail(fault)
-        elif wanted.family.name == request.family.name and (
+        assert wanted is not None  # else the calls are dropped
+        if wanted.family.name == request.family.name and (
             field is None or field.draft or field.request != wanted
         ):
-            self._fields.ask(wanted)
+            self._compute_field(wanted)
 
     # -- the mesh -----------------------------------------------------------------------------
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from operator import is_
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from PySide6.QtCore import QObject, Signal
 
-from meshmash_viewer.app.background import LatestThread
+from meshmash_viewer.app.executor import Slot
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.view.surface import BORDERS, GRAPH, Marks
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.labels import LabelSizes, label_sizes
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.edges import border_edges, region_graph
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.vertex_map import VertexMap
@@ -40,7 +40,7 @@ class LabelThread(QObject):
         super().__init__(parent)
         self._document, self._scene = document, scene
         self._asked: _Asked | None = None
-        self._thread: LatestThread[_Asked] = LatestThread(_found, self._take, parent=self)
+        self._slot = Slot(self, "labels")
         events = document.display.events
         changes = (
             document.labels.changed, document.spectrum_changed, document.hiding.changed,
@@ -68,7 +68,7 @@ class LabelThread(QObject):
         asked = mesh, known, document.hiding.mask, document.hidden, *drawn
         if self._asked is None or not all(map(is_, self._asked[1:], asked[1:])):
             self._asked = asked
-            self._thread.ask(asked)
+            self._slot.submit(lambda _: _found(asked), partial(self._take, asked))
 
     def _mark(self, drawn: _Drawn) -> None:
         for name, marks in drawn.items():
@@ -77,15 +77,9 @@ class LabelThread(QObject):
     @property
     def idle(self) -> bool:
         """Whether the current labels are measured, and their borders and graph drawn."""
-        return not self._thread.working
+        return not self._slot.working
 
-    def close(self) -> None:
-        """Wait until the thread has ended."""
-        self._thread.close()
-
-    def _take(self, asked: _Asked, found: tuple[LabelSizes, _Drawn] | Exception) -> None:
-        if isinstance(found, Exception):
-            raise found
+    def _take(self, asked: _Asked, found: tuple[LabelSizes, _Drawn]) -> None:
         if asked is self._asked:
             sizes, drawn = found
             self.measured.emit(asked[1], sizes)
@@ -93,7 +87,7 @@ class LabelThread(QObject):
                 self._mark(drawn)
 
 
-def _found(asked: _Asked, _cancel: CancelCallback) -> tuple[LabelSizes, _Drawn]:
+def _found(asked: _Asked) -> tuple[LabelSizes, _Drawn]:
     mesh, known, chosen, hidden, borders, graph = asked
     faces = mesh.faces if hidden is None else mesh.faces[~hidden[mesh.faces].any(axis=1)]
     values, drawn = np.nan_to_num(known.shown, nan=-1.0), _NOTHING.copy()

@@ -34,19 +34,32 @@ def listen(signals: Any, slot: Callable[[], None]) -> None:
     ``display.events``, or a tuple of signals and groups. The slot is referenced weakly, and is not
     called after Qt has deleted its object.
     """
-    _connect(signals, slot, _call)
+    _connect(signals, slot, lambda held, *_: _call(held))
+
+
+def receive(signal: Any, slot: Callable[..., None]) -> None:
+    """Connect like `listen`, with the arguments of the signal."""
+    _connect(signal, slot, _call)
 
 
 def follow(signals: Any, slot: Callable[[], None]) -> None:
     """Connect like `listen`, but queue the call: for updates that only affect the display."""
-    _connect(signals, slot, lambda held: _turns().note(held))
+    _connect(signals, slot, lambda held, *_: _turns().note(held))
 
 
 def stop_listening(owner: QObject) -> None:
-    """Disconnect all slots of an object, such as a closing window, and drop its pending calls."""
-    for disconnect in _disconnects.pop(owner, ()):
-        disconnect()
+    """Disconnect all slots of an object and its children, and drop their pending calls."""
+    for each in [each for each in _disconnects if belongs_to(each, owner)]:
+        for disconnect in _disconnects.pop(each):
+            disconnect()
     _turns().forget(owner)
+
+
+def belongs_to(each: QObject | None, owner: QObject) -> bool:
+    """Return whether an object is `owner`, or a child of it at any depth."""
+    while each is not None and each is not owner and shiboken6.isValid(each):
+        each = each.parent()
+    return each is owner
 
 
 def later(slot: Callable[[], None]) -> None:
@@ -66,26 +79,26 @@ def catch_up() -> None:
 
 _Held: TypeAlias = "weakref.WeakMethod[Callable[[], None]]"
 #: Functions that disconnect slots, by the owner of the slots.
-_disconnects: weakref.WeakKeyDictionary[object, list[Callable[[], None]]] = (
+_disconnects: weakref.WeakKeyDictionary[QObject, list[Callable[[], None]]] = (
     weakref.WeakKeyDictionary()
 )
 
 
-def _connect(signals: Any, slot: Any, act: Callable[[_Held], None]) -> None:
+def _connect(signals: Any, slot: Any, act: Callable[..., None]) -> None:
     held = weakref.WeakMethod(slot)
 
-    def received() -> None:
-        act(held)
+    def received(*content: Any) -> None:
+        act(held, *content)
 
     for each in signals if isinstance(signals, tuple) else (signals,):
         each.connect(received)
         _disconnects.setdefault(slot.__self__, []).append(partial(each.disconnect, received))
 
 
-def _call(held: _Held) -> None:
+def _call(held: _Held, *content: Any) -> None:
     method: Any = held()
     if method is not None and shiboken6.isValid(method.__self__):
-        method()
+        method(*content)
 
 
 class _Turns(QObject):
@@ -111,7 +124,7 @@ class _Turns(QObject):
     def forget(self, owner: QObject) -> None:
         for held in list(self._due):
             method: Any = held()
-            if method is not None and method.__self__ is owner:
+            if method is not None and belongs_to(method.__self__, owner):
                 del self._due[held]
 
     def finish(self) -> None:

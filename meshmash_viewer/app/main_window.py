@@ -35,7 +35,8 @@ from meshmash_viewer.app.arrangement import Arrangement, HoverLabel, StatusProgr
 from meshmash_viewer.app.background import BackgroundIO, Tasks
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls.field_events import FieldWheel, FocusKeys
-from meshmash_viewer.app.listening import follow, later, listen, stop_listening
+from meshmash_viewer.app.executor import shutdown
+from meshmash_viewer.app.listening import follow, later, listen, receive
 from meshmash_viewer.app.opening import Opening
 from meshmash_viewer.app.panels.label_table import given_to_label
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
@@ -252,7 +253,7 @@ class MainWindow(ScriptedWindow):
         document = self.document
         listen(document.mesh_changed, self._on_mesh_changed)
         listen(document.work.changed, self._on_job_changed)
-        document.notices.shown.connect(self.stage.message_bar.show_notice)
+        receive(document.notices.shown, self.stage.message_bar.show_notice)
         events = document.display.events
         needs = (
             document.mesh_changed, document.spectrum_changed, document.solve.changed,
@@ -451,26 +452,17 @@ class MainWindow(ScriptedWindow):
         if not self._closed:
             self._closed = True
             self.settings.layout = self.arrangement.save()
-            self.opening.last_session.close()
+            self.opening.last_session.save()
             self.settings.close()
             self.document.display.playing = False
             self.document.display.vibrating = False
-            stop_listening(self)
-            self.document.notices.shown.disconnect(self.stage.message_bar.show_notice)
+            self.opening.end_comparison()
             theme.notifier().changed.disconnect(self._on_theme_changed)
             self._focus_keys.stop()
             self.commands.pictures.close()
             self.tasks.close()
-            self.background_io.close()
+            shutdown(self)
             if self.loaded:
-                self.opening.end_comparison()
-                self.select_tool.close()
-                self.controller.close()
-                self.shape_source.close()
-                self.profile_panel.close()
-                self.label_thread.close()
-                self.point_tool.close()
-                self.mesh_panel.health.close()
                 self.scene.close()
             self.closed.emit()
         super().closeEvent(event)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -11,8 +12,9 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QInputDialog, QLabel
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import BackgroundIO, LatestThread
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.background import BackgroundIO
+from meshmash_viewer.app.executor import Slot
+from meshmash_viewer.app.listening import listen, receive
 from meshmash_viewer.app.opening import Opening, ask
 from meshmash_viewer.app.view.points import PointCloud, point_colors
 from meshmash_viewer.errors import InputError
@@ -27,7 +29,6 @@ from meshmash_viewer.io.points import (
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.points import PointSet
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.units import counted, format_quantity, written_unit
 
 if TYPE_CHECKING:
@@ -51,21 +52,16 @@ class PointTool(QObject):
         self._background_io = background_io
         document = self._document
         self._asked: _Asked | None = None
-        self._thread: LatestThread[_Asked] = LatestThread(_found, self._take, parent=self)
+        self._slot = Slot(self, "points")
         listen(document.mesh_changed, self._begin)
         listen((document.points.changed, document.labels.changed), self.refresh)
-        document.points.requested.connect(self._restore)
+        receive(document.points.requested, self._restore)
         self.refresh()
 
     @property
     def idle(self) -> bool:
         """Whether the points of the document have been drawn and counted."""
-        return not self._thread.working
-
-    def close(self) -> None:
-        """Disconnect, and wait until the thread has ended."""
-        self._document.points.requested.disconnect(self._restore)
-        self._thread.close()
+        return not self._slot.working
 
     # -- reading ------------------------------------------------------------------------------
 
@@ -179,21 +175,27 @@ class PointTool(QObject):
             if before is not None:
                 self._forget()
         elif before is None or before[1] is not points or before[2] is not measured:
-            self._asked = mesh, points, measured, document.points.projected
-            self._thread.ask(self._asked)
+            asked = self._asked = mesh, points, measured, document.points.projected
+            self._slot.submit(
+                lambda _: _found(asked), partial(self._take, asked), partial(self._fail, asked)
+            )
 
-    def _take(self, asked: _Asked, drawn: _Drawn | Exception) -> None:
-        document, measured = self._document, asked[2]
-        if asked is not self._asked:
-            return
-        if isinstance(drawn, InputError):
-            document.notices.say(str(drawn), Severity.WARNING)
+    def _fail(self, asked: _Asked, fault: Exception) -> None:
+        if not isinstance(fault, InputError):
+            raise fault
+        if asked is self._asked:
+            self._document.notices.say(str(fault), Severity.WARNING)
             self._forget()
             self._asked = asked
-            document.points.accept(None)
-        elif isinstance(drawn, Exception):
-            raise drawn
-        elif self._scene.mesh is not None and document.is_shown(self._scene.mesh):
+            self._document.points.accept(None)
+
+    def _take(self, asked: _Asked, drawn: _Drawn) -> None:
+        document, measured = self._document, asked[2]
+        if (
+            asked is self._asked
+            and self._scene.mesh is not None
+            and document.is_shown(self._scene.mesh)
+        ):
             found, cloud, counted = drawn
             self._scene.set_points(cloud)
             document.points.accept(found)
@@ -218,7 +220,7 @@ def _hash(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _found(asked: _Asked, _cancel: CancelCallback) -> _Drawn:
+def _found(asked: _Asked) -> _Drawn:
     mesh, points, measured, known = asked
     if known is None or known.mesh.vertices is not mesh.vertices or known.mesh.unit != mesh.unit:
         known = project_points(mesh, points.table, points.max_distance)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from PySide6.QtCore import QDeadlineTimer, QThread
 from PySide6.QtWidgets import QApplication, QMainWindow
 
+from meshmash_viewer.app.executor import is_idle
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.pins import pin_table
 from meshmash_viewer.vertex_map import VertexMap
@@ -109,10 +110,9 @@ class ScriptedWindow(QMainWindow):
         deadline = QDeadlineTimer(round(1000.0 * seconds))
         while not (
             self.document.work.job is None
-            and self.background_io.idle
+            and is_idle(self)
             and self.controller.idle
             and self.shape_source.idle
-            and self.point_tool.idle
             and (self.opening.second_view is None or self.opening.second_view.idle)
         ):
             if deadline.hasExpired():

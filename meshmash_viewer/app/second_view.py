@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from PySide6.QtCore import Signal
@@ -10,14 +11,14 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, LatestThread, Tasks
+from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, Tasks
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column
-from meshmash_viewer.app.listening import follow, listen, stop_listening
+from meshmash_viewer.app.executor import Slot, is_idle, shutdown
+from meshmash_viewer.app.listening import follow, listen, receive
 from meshmash_viewer.app.stage import HeadLabel, render_head
 from meshmash_viewer.app.view.mesh_view import MeshView
-from meshmash_viewer.features.comparison import Comparison
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, step
 from meshmash_viewer.model.limits import Limits
@@ -58,7 +59,7 @@ class SecondView(QWidget):
         self._waiting: Controller | None = None
         #: Inputs and result of the last computation in `_linked`.
         self._known: tuple[tuple[Any, ...], _Linked] = (), None
-        self._thread = LatestThread(ComparisonRequest.answered, self._accept, parent=self)
+        self._comparing = Slot(self, "comparison")
         self._build()
         self._connect()
         self.dress()
@@ -78,13 +79,13 @@ class SecondView(QWidget):
 
     def _connect(self) -> None:
         document, pair = self.document, self.pair
-        pair.comparison_requested.connect(self._thread.ask)
+        receive(pair.comparison_requested, self._compare)
         self._first.link = self.controller.link = self
         listen(document.mesh_changed, self._turn_second)
         follow((document.work.changed, document.spectrum_changed, pair.changed), self._say_status)
         listen(pair.changed, self._draw)
         listen(pair.changed, self._follow_cameras)
-        document.notices.shown.connect(self._on_notice)
+        receive(document.notices.shown, self._on_notice)
         follow(document.work.changed, self._on_job_changed)  # deferred, after the notice is shown
         self.scene.vertex_clicked.connect(pair.pin_second)
         self.scene.click_revoked.connect(pair.revoke_pin_second)
@@ -101,10 +102,9 @@ class SecondView(QWidget):
         """Whether nothing is being read or computed for the second mesh."""
         return (
             self.document.work.job is None
-            and self.background_io.idle
             and self.controller.idle
-            and not self._thread.working
             and not self.pair.comparing
+            and is_idle(self)
         )
 
     def shut(self) -> None:
@@ -112,24 +112,21 @@ class SecondView(QWidget):
         self._first.link = None
         self._first.draw()
         self.pair.close()
-        self.pair.comparison_requested.disconnect(self._thread.ask)
-        stop_listening(self)
-        self.document.notices.shown.disconnect(self._on_notice)
         self._first_scene.camera_changed.disconnect(self._turn_second)
-        self._thread.close()
         self.tasks.close()
-        self.background_io.close()
-        self.controller.close()
+        shutdown(self)
         self.scene.close()
 
     # -- changes of the documents -------------------------------------------------------------
 
-    def _accept(self, request: ComparisonRequest, answer: Comparison | Exception) -> None:
-        if isinstance(answer, Exception):
+    def _compare(self, request: ComparisonRequest) -> None:
+        def fail(fault: Exception) -> None:
             self.pair.give_up(request)
-            self._on_notice(notice_of(failure_of(answer, "Comparing")))
-        else:
-            self.pair.accept(request, answer)
+            self._on_notice(notice_of(failure_of(fault, "Comparing")))
+
+        self._comparing.submit(
+            lambda call: request.answered(call.cancelled), partial(self.pair.accept, request), fail
+        )
 
     def _on_job_changed(self) -> None:
         if self.document.work.job is None and self.document.ready is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -12,7 +11,7 @@ import numpy as np
 from PySide6.QtCore import QObject, QPointF, Qt, QTimer, Signal
 
 from meshmash_viewer.app.actions import SELECT_MODES
-from meshmash_viewer.app.background import LatestThread
+from meshmash_viewer.app.executor import Slot
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
@@ -106,14 +105,9 @@ class SelectTool(QObject):
         self._front: Mask | None = None
         #: Distances from the centres of the discs of a stroke, see `GeodesicSolver.within`.
         self._distances: FloatArray | None = None
-        #: The step that is being computed, then the waiting steps.
-        self._steps: deque[_Step] = deque()
-        self._preparing: LatestThread[Mesh] = LatestThread(
-            lambda mesh, _: prepared(mesh), self._take_prepared, parent=self
-        )
-        self._thread: LatestThread[_Step] = LatestThread(
-            lambda step, _: step.work(), self._take, parent=self
-        )
+        #: The last requested step.
+        self._step: _Step | None = None
+        self._preparing, self._masks = Slot(self, "brush"), Slot(self, "masks")
         self._rest = QTimer(self, singleShot=True, interval=_REST)
         self._rest.timeout.connect(document.selection.finish)
         canvas = scene.plotter
@@ -126,12 +120,6 @@ class SelectTool(QObject):
         listen(document.mesh_changed, self._on_mesh_changed)
         self._on_mesh_changed()
 
-    def close(self) -> None:
-        """Wait until the threads have ended."""
-        self._rest.stop()
-        self._preparing.close()
-        self._thread.close()
-
     @property
     def prepared(self) -> bool:
         """Whether vertex areas and the geodesics of the brush have been computed."""
@@ -141,7 +129,7 @@ class SelectTool(QObject):
     @property
     def idle(self) -> bool:
         """Whether nothing is being computed."""
-        return not (self._steps or self._preparing.working or self._thread.working)
+        return not (self._preparing.working or self._masks.working)
 
     @property
     def field(self) -> Field | None:
@@ -355,13 +343,11 @@ class SelectTool(QObject):
     def _prepare(self) -> None:
         mesh = self._document.mesh
         if self.on and mesh is not None and not self.prepared:
-            self._preparing.ask(mesh)
+            self._preparing.submit(lambda _: prepared(mesh), partial(self._take_prepared, mesh))
             if self.mode == "brush":
                 self._scene.plotter.setCursor(Qt.CursorShape.BusyCursor)
 
-    def _take_prepared(self, mesh: Mesh, made: GeodesicSolver | Exception) -> None:
-        if isinstance(made, Exception):
-            raise made
+    def _take_prepared(self, mesh: Mesh, made: GeodesicSolver) -> None:
         if self._document.is_shown(mesh):
             self._geodesics = mesh, made
             self._scene.take_strokes(self.strokes)
@@ -370,21 +356,12 @@ class SelectTool(QObject):
             self.changed.emit()
 
     def _run(self, step: _Step) -> None:
-        """Compute a step in the thread, after the waiting steps."""
-        if len(self._steps) > 1 and step.live and self._steps[-1].live:
-            self._steps.pop()  # replaced by the new step
-        self._steps.append(step)
-        if len(self._steps) == 1:
-            self._thread.ask(step)
+        """Compute a step in a thread after the waiting steps, or instead of one of its drag."""
+        replaces = step.live and self._step is not None and self._step.live
+        self._step = step
+        self._masks.submit(lambda _: step.work(), partial(self._take, step), queued=not replaces)
 
-    def _take(self, step: _Step, mask: Mask | Exception) -> None:
-        if not self._steps or self._steps[0] is not step:
-            return  # the mesh has been closed
-        self._steps.popleft()
-        if self._steps:
-            self._thread.ask(self._steps[0])
-        if isinstance(mask, Exception):
-            raise mask
+    def _take(self, step: _Step, mask: Mask) -> None:
         selection = self._document.selection
         if step.nothing and not mask.any():
             self._say(step.nothing)
@@ -398,7 +375,8 @@ class SelectTool(QObject):
         mesh, known = self._document.mesh, self._geodesics
         if mesh is not None and known is not None and self._document.is_shown(known[0]):
             return
-        self._steps.clear()
+        self._masks.drop()
+        self._step = None
         if mesh is None:
             return
         self._line, self._stroke, self._geodesics = [], None, None

@@ -11,8 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QObject, QSettings, Qt, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QByteArray, QObject, QSettings, Qt, QTimer, Signal
 
+from meshmash_viewer.app.executor import Slot
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.sessions import session_of
 from meshmash_viewer.app.theme import Mode
@@ -149,7 +150,7 @@ class LastSession(QObject):
     the pair with the second mesh, or None.
     """
 
-    _failed, _due = Signal(str), Signal()
+    _due = Signal()
 
     def __init__(
         self,
@@ -165,8 +166,7 @@ class LastSession(QObject):
         self._kept: dict[Document, dict[str, VertexMap]] = {document: {}}
         #: File of the second mesh, and its session as last read or written.
         self._known_of_second: tuple[Path, Session | None] = Path(), None
-        self._pool = QThreadPool(self, maxThreadCount=1)
-        self._failed.connect(self._say_failed, Qt.ConnectionType.QueuedConnection)
+        self._slot = Slot(self, "session")
         #: Whether there are changes to write.
         self._waiting = False
         self._timer = QTimer(self, singleShot=True, interval=_PAUSE)
@@ -199,7 +199,7 @@ class LastSession(QObject):
 
     def stored(self, mesh_path: Path) -> Session | None:
         """Return the stored session of a mesh file; None if there is no readable session."""
-        self._pool.waitForDone()
+        self._slot.wait()
         if not self.path(mesh_path).exists():
             return None
         try:
@@ -237,17 +237,12 @@ class LastSession(QObject):
         maps = self._new_maps(document)
         session = session_of(document, camera, pair)
         session = replace(session, kept_maps=list(self._kept[document]))
-        self._pool.start(lambda: self._write(path, session, maps))
-
-    def close(self) -> None:
-        """Write the session, and wait until it is written."""
-        self.save()
-        self._pool.waitForDone()
+        self._start_writing(path, session, maps)
 
     def forget(self, mesh_path: Path) -> None:
         self._timer.stop()
         self._waiting = False
-        self._pool.waitForDone()
+        self._slot.wait()
         _delete(self.path(mesh_path))
 
     def restore_maps(self, document: Document, session: Path, names: Sequence[str]) -> int:
@@ -255,7 +250,7 @@ class LastSession(QObject):
         mesh, kept = document.mesh, self._kept.get(document)
         if kept is None or mesh is None or document.path is None or not names:
             return 0
-        self._pool.waitForDone()
+        self._slot.wait()
         found: list[KeptMaps] = []
         for file in (session.with_name(Path(name).name) for name in names):
             try:
@@ -285,7 +280,7 @@ class LastSession(QObject):
     def _save_changes(self) -> None:
         """Write the session, or try again after the next pause if the thread is still writing."""
         if self._waiting and self._timer.remainingTime() <= 0:
-            if not self._pool.activeThreadCount():
+            if not self._slot.working:
                 self.save()
             self._timer.start()
 
@@ -307,7 +302,7 @@ class LastSession(QObject):
         if now != known:
             self._known_of_second = document.path, now
             file = self.path(document.path)
-            self._pool.start(lambda: self._write(file, now, maps))
+            self._start_writing(file, now, maps)
 
     def _new_maps(self, document: Document) -> dict[str, KeptMaps]:
         """Return the maps that must be written, by the names of their new files."""
@@ -327,7 +322,11 @@ class LastSession(QObject):
         self._kept[document] = maps
         return new
 
-    def _write(self, path: Path, session: Session, maps: dict[str, KeptMaps]) -> None:
+    def _start_writing(self, path: Path, session: Session, maps: dict[str, KeptMaps]) -> None:
+        self._slot.submit(lambda _: self._write(path, session, maps), self._say_failed, queued=True)
+
+    def _write(self, path: Path, session: Session, maps: dict[str, KeptMaps]) -> str:
+        """Write a session and its maps; return a description of a fault, or ""."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             for name, each in maps.items():
@@ -336,9 +335,12 @@ class LastSession(QObject):
             _delete_maps(path, session.kept_maps)
             self._delete_oldest()
         except (InputError, OSError) as fault:
-            self._failed.emit(str(fault))
+            return str(fault)
+        return ""
 
     def _say_failed(self, fault: str) -> None:
+        if not fault:
+            return
         self._kept = {document: {} for document in self._kept}  # write all maps at the next attempt
         text = f"The session of this mesh (pins, maps, settings) could not be saved: {fault}"
         self._document.notices.say(text, Severity.WARNING)

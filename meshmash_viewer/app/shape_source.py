@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from meshmash_viewer.app.background import LatestThread
+from meshmash_viewer.app.executor import Call, Slot
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.view.camera import drawn_points, geometry_of
 from meshmash_viewer.features.shape import Reconstruction
@@ -23,7 +24,7 @@ from meshmash_viewer.model.display import FEWEST_PAIRS, Shape
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.notices import failure_of, notice_of
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
@@ -103,7 +104,7 @@ class ShapeSource(QObject):
         self._latest: _Request | None = None
         self.drawn: DrawnShape | None = None
         self._kept = _Kept()
-        self._thread = LatestThread(self._answer, self._take, parent=self, one_core=True)
+        self._slot = Slot(self, "shape", one_core=True)
         self._clock = QTimer(self, interval=_FRAME)
         self._clock.timeout.connect(self.refresh)
         self._began = 0.0
@@ -120,11 +121,11 @@ class ShapeSource(QObject):
     @property
     def idle(self) -> bool:
         """Whether the requested shape is displayed, with its normals."""
-        return not self._thread.working and (self._latest is None or self.drawn is not None)
+        return not self._slot.working and (self._latest is None or self.drawn is not None)
 
     def _forget(self) -> None:
         """Drop requests and results of the previous mesh."""
-        self._thread.drop()
+        self._slot.drop()
         self._latest = self.drawn = None
         self._kept = _Kept()  # a new object, because the thread may still write to the old one
 
@@ -148,26 +149,21 @@ class ShapeSource(QObject):
         if still and (self.drawn is None or self.drawn.points is None) and self._latest is None:
             return
         self._latest = request
-        self._thread.ask(request)
-
-    def close(self) -> None:
-        self._clock.stop()
-        self._latest = None
-        self._thread.close()
+        self._slot.submit(partial(self._answer, request), partial(self._take, request), self._fail)
 
     # -- in the thread ------------------------------------------------------------------------
 
-    def _answer(self, request: _Request, cancel: CancelCallback) -> DrawnShape:
-        drawn = self._drawn(request, self._rebuilt(request, cancel))
+    def _answer(self, request: _Request, call: Call) -> DrawnShape:
+        drawn = self._drawn(request, self._rebuilt(request, call))
         if drawn.points is None or drawn.normals is not None or not drawn.rests:
             return drawn
-        self._thread.answered.emit(request, drawn)
-        if not self._thread.stays(_REST):
+        call.send(drawn)
+        if not call.stays(_REST):
             raise Cancelled
         return replace(drawn, normals=_normals(drawn))
 
-    def _rebuilt(self, request: _Request, cancel: CancelCallback) -> Reconstruction | None:
-        """Compute the requested reconstruction, and emit partial sums."""
+    def _rebuilt(self, request: _Request, call: Call) -> Reconstruction | None:
+        """Compute the requested reconstruction, and send partial sums."""
         spectrum, shape = request.spectrum, request.shape
         if not shape.shown or len(spectrum) < FEWEST_PAIRS:
             return None
@@ -177,14 +173,14 @@ class ShapeSource(QObject):
             sums = Reconstruction(spectrum.mesh, spectrum.rows, spectrum.vertex_areas)
             known = request.kept.sums = spectrum, sums
         sums = known[1]
-        emitted = perf_counter()
+        sent = perf_counter()
         for _ in sums.move_to(shape.within(len(spectrum))):
-            if cancel():
+            if call.cancelled():
                 raise Cancelled
-            if perf_counter() - emitted > _PARTIAL:
-                self._thread.answered.emit(request, self._drawn(request, sums))
-                emitted = perf_counter()
-                if self._latest is not request and request.field is None:
+            if perf_counter() - sent > _PARTIAL:
+                call.send(self._drawn(request, sums))
+                sent = perf_counter()
+                if call.superseded() and request.field is None:
                     raise Cancelled  # the next request continues from the partial sum
         return sums
 
@@ -217,13 +213,12 @@ class ShapeSource(QObject):
 
     # -- in the interface thread --------------------------------------------------------------
 
-    def _take(self, request: _Request, answer: DrawnShape | Exception) -> None:
+    def _fail(self, fault: Exception) -> None:
+        self._document.notices.show(notice_of(failure_of(fault, "Rebuilding the shape")))
+
+    def _take(self, request: _Request, answer: DrawnShape) -> None:
         latest = self._latest
         if latest is None:
-            return
-        if isinstance(answer, Exception):
-            failure = failure_of(answer, "Rebuilding the shape")
-            self._document.notices.show(notice_of(failure))
             return
         same = answer.spectrum is latest.spectrum
         if not same or latest.shape.shown != request.shape.shown:

@@ -293,31 +293,6 @@ def test_a_task_of_the_render_that_fails_is_waited_for_no_longer(
     qtbot.waitUntil(lambda: scene.at_rest, timeout=PATIENCE)
 
 
-def test_profiles_are_read_no_longer_once_the_window_is_closed(
-    qtbot: QtBot, qapp: QApplication, tmp_path: Path
-) -> None:
-    window = MainWindow(fresh=True)
-    window.show()
-    reader = window.profile_panel._reader
-    entered, leave = threading.Event(), threading.Event()
-
-    class Slow:
-        def __len__(self) -> int:
-            return 8
-
-        @property
-        def shown_rows(self) -> np.ndarray:
-            entered.set()
-            leave.wait(0.5)
-            return np.zeros((8, 10))
-
-    reader.ask((Slow(), (3,)))
-    assert entered.wait(60)
-    window.close()
-    assert reader.isFinished()
-    window.deleteLater()
-
-
 def test_a_closed_window_is_let_go(qtbot: QtBot, qapp: QApplication, sphere: Mesh) -> None:
     window = meshmash_viewer.view(sphere, block=False)
     while window.document.mesh is None:

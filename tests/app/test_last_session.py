@@ -18,6 +18,7 @@ from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 from tiers import slow
 
+from meshmash_viewer.app.executor import is_idle
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.sessions import session_of
@@ -183,7 +184,8 @@ def test_maps_of_files_and_the_part_are_there_again_and_no_step_to_undo(
         # maps that are still being read stay in the session, and undo does not remove them
         document.maps.add(document.mesh, [VertexMap("mine", np.arange(mesh.n_vertices))])
         qtbot.waitUntil(lambda: bool(again.scene.camera()), timeout=PATIENCE)
-        saved.close()
+        saved.save()
+        qtbot.waitUntil(lambda: is_idle(saved))
         stored = saved.stored(path)
         assert stored is not None
         assert stored.maps == [str(table)]
@@ -238,7 +240,8 @@ def test_a_kept_map_is_written_once(
     height = document.mesh.vertices[:, 2]
 
     def written() -> set[tuple[str, int]]:
-        window.opening.last_session.close()
+        window.opening.last_session.save()
+        qtbot.waitUntil(lambda: is_idle(window.opening.last_session))
         found = (folder / "sessions").glob("*.maps.npz")
         return {(each.name, each.stat().st_mtime_ns) for each in found}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeAlias
 
@@ -14,14 +14,13 @@ from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPixmap, QResizeEven
 from PySide6.QtWidgets import QLabel, QLayout, QSizePolicy, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column, grid, row, show_quietly
 from meshmash_viewer.app.dialogs.files import FormatDialog
+from meshmash_viewer.app.executor import Slot, shutdown
 from meshmash_viewer.app.view.figure import FigureOptions, Panel, compose, picture_of
 from meshmash_viewer.app.view.page import MM
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.progress import CancelCallback
 
 _FORMATS = {
     ".png": "PNG picture, with its size on paper",
@@ -123,23 +122,15 @@ class SheetDialog(FormatDialog):
         return super()._fault()
 
 
-@dataclass(frozen=True, eq=False)
-class _Preview:
-    """A request for a preview of at most `size` pixels."""
-
-    panels: Sequence[Panel]
-    options: FigureOptions
-    size: tuple[int, int]
-
-
 #: Pixels of a preview, and width and height of the figure in mm.
 _Drawn: TypeAlias = tuple[npt.NDArray[np.uint8], tuple[float, float]]
 
 
-def _drawn(request: _Preview, _cancel: CancelCallback) -> _Drawn:
-    figure = compose(request.panels, request.options)
+def _drawn(panels: Sequence[Panel], options: FigureOptions, size: tuple[int, int]) -> _Drawn:
+    """Draw a preview of at most `size` pixels."""
+    figure = compose(panels, options)
     wide, high = figure.get_size_inches()
-    pixels = picture_of(figure, min(request.size[0] / wide, request.size[1] / high))
+    pixels = picture_of(figure, min(size[0] / wide, size[1] / high))
     return pixels, (wide * MM, high * MM)
 
 
@@ -163,7 +154,7 @@ class FigureDialog(SheetDialog):
         #: The panels of the preview; empty until the renders have been drawn.
         self.panels: Sequence[Panel] = ()
         super().__init__(path, parent, before)
-        self._painter: LatestThread[_Preview] = LatestThread(_drawn, self._take, parent=self)
+        self._painter = Slot(self, "preview")
 
     def _build(self, before: FigureOptions) -> None:
         self.font_spin = make.spin(
@@ -209,7 +200,7 @@ class FigureDialog(SheetDialog):
         return not self._painter.working
 
     def done(self, result: int) -> None:
-        self._painter.close()
+        shutdown(self)
         super().done(result)
 
     def _change(self, *_: object) -> None:
@@ -218,22 +209,23 @@ class FigureDialog(SheetDialog):
             return
         ratio = self.devicePixelRatioF()
         size = round(ratio * self.preview.width()), round(ratio * self.preview.height())
-        self._painter.ask(_Preview(self.panels, self.options, size))
+        panels, options = self.panels, self.options
+        self._painter.submit(lambda _: _drawn(panels, options, size), self._take, self._fail)
 
-    def _take(self, _request: _Preview, drawn: _Drawn | Exception) -> None:
-        if isinstance(drawn, InputError):
-            self.preview.setText(str(drawn))
-            self.size_label.clear()
-            self.accept_button.setEnabled(False)
-        elif isinstance(drawn, Exception):
-            raise drawn
-        else:
-            picture, size = drawn
-            self.preview.show_pixels(picture)
-            dpi = self.options.dpi
-            mm = " × ".join(f"{round(side, 1):g}" for side in size)
-            pixels = " × ".join(f"{round(side / MM * dpi):,}" for side in size)
-            self.size_label.setText(f"{mm} mm, {pixels} pixels")
+    def _fail(self, fault: Exception) -> None:
+        if not isinstance(fault, InputError):
+            raise fault
+        self.preview.setText(str(fault))
+        self.size_label.clear()
+        self.accept_button.setEnabled(False)
+
+    def _take(self, drawn: _Drawn) -> None:
+        picture, size = drawn
+        self.preview.show_pixels(picture)
+        dpi = self.options.dpi
+        mm = " × ".join(f"{round(side, 1):g}" for side in size)
+        pixels = " × ".join(f"{round(side / MM * dpi):,}" for side in size)
+        self.size_label.setText(f"{mm} mm, {pixels} pixels")
 
 
 class _PreviewLabel(QLabel):

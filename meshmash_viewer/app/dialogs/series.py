@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,11 +14,10 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QDialog, QLabel, QProgressBar, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import keep_room, row, show_quietly
 from meshmash_viewer.app.controls.number_field import WholeField
-from meshmash_viewer.app.listening import stop_listening
+from meshmash_viewer.app.executor import Call, Slot, shutdown
 from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.child import PictureProcess
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
@@ -28,7 +28,7 @@ from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures
 from meshmash_viewer.model.notices import Failure, failure_of
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import Cancelled
 
 #: Pixels of a picture, see `OffScreen.draw`.
 Picture: TypeAlias = npt.NDArray[np.uint8]
@@ -70,25 +70,22 @@ class SeriesPainter(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._run: Run | None = None
         self._process = PictureProcess()
-        self._thread: LatestThread[Run] = LatestThread(self._work, self._take, parent=self)
+        self._slot = Slot(self, "pictures")
 
     @property
     def busy(self) -> bool:
         """Whether a series is being drawn."""
-        return self._run is not None
+        return self._slot.working
 
     def start(self, run: Run) -> None:
         """Stop the current series, and draw another."""
-        self._thread.drop()
-        self._run = run
-        self._thread.ask(run)
+        self.stop()
+        self._slot.submit(partial(self._draw, run), self._take, self._fail)
 
     def stop(self) -> None:
         """Stop the series after the current picture; its sink deletes an unfinished file."""
-        self._run = None
-        self._thread.drop()
+        self._slot.drop()
 
     def cancel(self) -> None:
         """Stop the series and the current picture."""
@@ -98,34 +95,30 @@ class SeriesPainter(QObject):
 
     def close(self) -> None:
         """Stop the series, end the process, and wait for the thread."""
-        self.stop()
         self._process.close()
-        self._thread.close()
+        shutdown(self)
 
-    def _work(self, run: Run, stopped: CancelCallback) -> None:
-        """Draw a series; runs in the thread."""
+    def _draw(self, run: Run, call: Call) -> None:
+        """Draw a series; runs in a thread."""
         live, process = LiveFeatures(), self._process
         with run.sink as take:
             for at, shot in enumerate(run.shots):
                 field = compute_shot(shot, run.display, live, run.picked)
                 show_shot(run.drawing, shot, field, run.display)
                 picture = process.draw(run.drawing, run.size, run.transparent)
-                self._thread.answered.emit(run, (at, take(at, picture, run.drawing.caption)))
-                if stopped():
+                call.send((at, take(at, picture, run.drawing.caption)))
+                if call.cancelled():
                     raise Cancelled
 
-    def _take(self, run: Run, answer: tuple[int, Any] | Exception | None) -> None:
-        """Receive a picture, the failure of the series, or None at its end."""
-        if run is not self._run:
-            return
-        if isinstance(answer, tuple):
-            self.drawn.emit(*answer)
-            return
-        self._run = None
-        if answer is None:
+    def _take(self, picture: tuple[int, Any] | None) -> None:
+        """Receive a picture, or None at the end of the series."""
+        if picture is None:
             self.finished.emit()
         else:
-            self.failed.emit(failure_of(answer, "Drawing pictures"))
+            self.drawn.emit(*picture)
+
+    def _fail(self, fault: Exception) -> None:
+        self.failed.emit(failure_of(fault, "Drawing pictures"))
 
 
 class ColumnRange(QWidget):
@@ -232,6 +225,6 @@ class SeriesDialog(QDialog):
         self.remark_label.setText(failure.text)
 
     def done(self, result: int) -> None:
-        stop_listening(self)
         self._painter.close()
+        shutdown(self)
         super().done(result)

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QCloseEvent, QKeySequence, QShortcut
+from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QLabel, QLayout, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.field_events import bring_into_view
 from meshmash_viewer.app.controls.make import column, grid, note, row, show_note
+from meshmash_viewer.app.executor import Call, Slot
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.fault_places import FaultPlaces, fault_places, repair_effect
 from meshmash_viewer.health import REPAIRS, described_components, first_repair
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.open_mesh import MeshReady
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ class HealthTable(QWidget):
         self._chosen: _Row | None = None
         self._places: FaultPlaces | None = None
         self._at = -1
-        self._thread: LatestThread[_Question] | None = None
+        self._slot = Slot(self, "faults")
         #: For each row: description, mark, name, count, and repair button or None.
         self._rows = [(each, QLabel(), self._name(each), *self._controls(each)) for each in _ROWS]
         rows: list[tuple[QWidget | QLayout, ...]] = []
@@ -199,9 +200,8 @@ class HealthTable(QWidget):
         self._refresh_buttons()
 
     def _ask(self, each: _Row, ready: MeshReady) -> None:
-        if self._thread is None:
-            self._thread = LatestThread(_found, self._take, parent=self)
-        self._thread.ask(_Question(each, ready.mesh, self._repair(each)))
+        asked = _Question(each, ready.mesh, self._repair(each))
+        self._slot.submit(partial(_found, asked), partial(self._take, asked), self._fail)
 
     def _repair(self, each: _Row) -> str:
         """Return the repair of the button in a row: a merge, if the components touch."""
@@ -223,21 +223,21 @@ class HealthTable(QWidget):
         if self._chosen is None:
             return
         self._chosen, self._places, self._at = None, None, -1
-        if self._thread is not None:
-            self._thread.drop()
+        self._slot.drop()
         if self.scene is not None:
             self.scene.set_marks(None)
         self._steps.hide()
         show_note(self._effect_note, "")
         self._refresh_buttons()
 
-    def _take(self, question: _Question, found: _Found | Exception) -> None:
+    def _fail(self, fault: Exception) -> None:
+        self.end()
+        raise fault
+
+    def _take(self, question: _Question, found: _Found) -> None:
         ready, each = self._document.ready, question.row
         if ready is None or question.mesh is not ready.mesh:
             return
-        if isinstance(found, Exception):
-            self.end()
-            raise found
         places, marks, effect = found
         for other, *_, button in self._rows:
             if other is each and button is not None and effect:
@@ -276,11 +276,6 @@ class HealthTable(QWidget):
         else:
             text = f"{self._at + 1:,} of {places.n_groups:,}: {places.describe(self._at)}"
         self._place_label.setText(text)
-
-    def closeEvent(self, event: QCloseEvent) -> None:
-        super().closeEvent(event)
-        if self._thread is not None:
-            self._thread.close()
 
     # -- the counts ---------------------------------------------------------------------------
 
@@ -324,13 +319,13 @@ def _verb(each: _Row, repair: str) -> str:
     return next(row.verb for row in (each, *_ROWS) if row.repair == repair)
 
 
-def _found(question: _Question, cancel: CancelCallback) -> _Found:
+def _found(question: _Question, call: Call) -> _Found:
     from meshmash_viewer.app.view.surface import Marks
 
     row, mesh = question.row, question.mesh
     places = fault_places(mesh, row.attribute)
     marks = Marks(places.parts) if len(places.parts) else None
-    if cancel():
+    if call.superseded():
         raise Cancelled
     effect = repair_effect(mesh, question.repair) if question.repair else ""
     return places, marks, effect

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import pyqtgraph as pg
 from PySide6.QtCore import QPoint, Signal
-from PySide6.QtGui import QCloseEvent, QResizeEvent
+from PySide6.QtGui import QResizeEvent
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import LatestThread
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import holder, row
+from meshmash_viewer.app.executor import Call, Slot
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.pin_list import MOST_SHOWN, PinLegend, PinTable
 from meshmash_viewer.app.plots.panel import PlotPanel, PlotSaver
@@ -22,7 +23,7 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Labels of the families that have profiles, features first.
@@ -42,14 +43,14 @@ _NARROW = 340
 _Request: TypeAlias = tuple[Eigenpairs, tuple[int, ...]]
 
 
-def _values_at(request: _Request, cancel: CancelCallback) -> npt.NDArray[np.float64]:
+def _values_at(request: _Request, call: Call) -> npt.NDArray[np.float64]:
     """Read the k eigenfunctions at m vertices, shape (k, m).
 
     Eigenfunctions are read one by one, as NumPy keeps the interpreter lock during a copy from disk.
     """
     (spectrum, vertices), rows = request, []
     for at in range(len(spectrum)):
-        if cancel():
+        if call.cancelled():
             raise Cancelled
         rows.append(spectrum.shown_rows[at, np.array(vertices)])
     return np.reshape(rows, (len(rows), len(vertices)))
@@ -77,7 +78,7 @@ class ProfilePanel(PlotPanel):
         #: Eigenfunctions by pinned vertex, kept until the last request has been answered.
         self._values: dict[int, npt.NDArray[np.float64]] = {}
         self._requested: _Request | None = None
-        self._reader = LatestThread(_values_at, self._take, parent=self)
+        self._reader = Slot(self, "profiles")
         self._build()
         follow((document.spectrum_changed, document.pins.changed), self._refresh)
         follow(document.display.events, self._refresh_display)
@@ -124,12 +125,6 @@ class ProfilePanel(PlotPanel):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.legend.set_short(self.width() < _NARROW)
-
-    def closeEvent(self, event: QCloseEvent) -> None:
-        """Stop reading, and release the spectrum."""
-        self._reader.close()
-        self._requested = None
-        super().closeEvent(event)
 
     # -- from the user ----------------------------------------------------------------------
 
@@ -240,7 +235,9 @@ class ProfilePanel(PlotPanel):
         request = spectrum, tuple(pin.vertex for pin in pins)
         if request != self._requested:
             self._requested = request
-            self._reader.ask(request)
+            self._reader.submit(
+                partial(_values_at, request), partial(self._take, request), self._fail
+            )
             if any(pin.vertex not in self._values for pin in pins):
                 return  # all curves are drawn when these values have been read
         bottom, left, _ = self._family.logarithmic
@@ -256,14 +253,14 @@ class ProfilePanel(PlotPanel):
         self._drawn = self._key()
         self._mark(spectrum)
 
-    def _take(self, request: _Request, values: npt.NDArray[np.float64] | Exception) -> None:
-        if request != self._requested:
-            return
-        if isinstance(values, Exception):
-            self._requested = None
-            raise values
-        self._values = dict(zip(request[1], values.T, strict=True))
-        self._refresh()
+    def _take(self, request: _Request, values: npt.NDArray[np.float64]) -> None:
+        if request == self._requested:
+            self._values = dict(zip(request[1], values.T, strict=True))
+            self._refresh()
+
+    def _fail(self, fault: Exception) -> None:
+        self._requested = None
+        raise fault
 
     def _refresh_display(self) -> None:
         spectrum = self._document.spectrum

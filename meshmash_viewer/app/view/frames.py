@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from meshmash_viewer.app.background import LatestThread
+from meshmash_viewer.app.executor import Slot
 from meshmash_viewer.app.listening import hasten
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.render_widget import RenderWidget
-from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.decimation import CoarseMesh, cluster_vertices
 
 #: Milliseconds without movement after which the full mesh is drawn again.
@@ -52,9 +51,7 @@ class Frames(QObject):
         self.software = False
         self.rest = QTimer(self, interval=REST, singleShot=True)
         self.rest.timeout.connect(self._come_to_rest)
-        self._coarsening: LatestThread[Mesh] = LatestThread(
-            _stand_in_of, self._take_stand_in, parent=self
-        )
+        self._coarsening = Slot(self, "stand-in")
         self.begin()
         canvas.frame_due.connect(self._draw)
         canvas.drag_ended.connect(self._come_to_rest)
@@ -73,10 +70,8 @@ class Frames(QObject):
         self._canvas.render()
 
     def close(self) -> None:
-        """Stop drawing frames, and wait until the thread has ended."""
+        """Stop drawing frames."""
         self._canvas.frame_due.disconnect(self._draw)
-        self.rest.stop()
-        self._coarsening.close()
 
     @property
     def slow(self) -> bool:
@@ -150,13 +145,12 @@ class Frames(QObject):
         mesh = self._drawing.mesh
         if mesh is not None and self._large and not self._requested:
             self._requested = True
-            self._coarsening.ask(mesh)
+            self._coarsening.submit(
+                lambda _: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES),
+                self._take_stand_in,
+            )
 
-    def _take_stand_in(self, mesh: Mesh, made: CoarseMesh | Exception) -> None:
-        if mesh is not self._drawing.mesh:
-            return
-        if isinstance(made, Exception):
-            raise made
+    def _take_stand_in(self, made: CoarseMesh) -> None:
         self._drawing.set_coarse(made)
         self.stand_in_made.emit()
         if self.rest.isActive():
@@ -196,8 +190,3 @@ class Frames(QObject):
                 self._seconds = took
             if self.slow:
                 self._request_stand_in()
-
-
-def _stand_in_of(mesh: Mesh, _cancel: object) -> CoarseMesh:
-    """Return the stand-in of a mesh; takes a second for a million vertices."""
-    return cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)

@@ -12,6 +12,7 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QWidget
 from scipy.spatial.transform import Rotation
 
+from meshmash_viewer.app.executor import shutdown
 from meshmash_viewer.app.view.annotations import BAR_SPACE, margins, title_size
 from meshmash_viewer.app.view.camera import View, view_axes
 from meshmash_viewer.app.view.caption import caption_of
@@ -479,13 +480,13 @@ class MeshView(PickableRender):
     # -- the end ----------------------------------------------------------------------------
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Wait for the threads, and release the graphics resources."""
+        """Stop background work, and release the graphics resources."""
         super().closeEvent(event)
         if self._closed:
             return
         self._closed = True
         self._ring.hide()
-        self._picking.close()
+        shutdown(self)
         self.frames.close()
         self.renderer.set_mesh(None, None)
         self.plotter.window_of_vtk.RemoveRenderer(self.renderer.renderer)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -9,12 +10,11 @@ import numpy.typing as npt
 from PySide6.QtCore import QPoint, Qt, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from meshmash_viewer.app.background import LatestThread
+from meshmash_viewer.app.executor import Call, Slot
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.surface.masks import Mask, Projection
 from meshmash_viewer.surface.rays import RayTarget
 
@@ -39,9 +39,7 @@ class PickableRender(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.plotter)
-        self._picking: LatestThread[_Places] = LatestThread(
-            _ray_target, self._take_picker, parent=self
-        )
+        self._picking = Slot(self, "picking")
 
     @property
     def mesh(self) -> Mesh | None:
@@ -57,14 +55,13 @@ class PickableRender(QWidget):
     def _prepare_picking(self) -> None:
         """Request the search structure for the current positions of the vertices."""
         assert self.mesh is not None
-        self._picking.ask((self.renderer.drawn[0], self.mesh.faces, self.renderer.hidden))
+        places = self.renderer.drawn[0], self.mesh.faces, self.renderer.hidden
+        self._picking.submit(partial(_ray_target, places), partial(self._take_picker, places))
 
-    def _take_picker(self, request: _Places, made: RayTarget | Exception) -> None:
+    def _take_picker(self, request: _Places, made: RayTarget) -> None:
         now = self.renderer
         if now.mesh is None or now.drawn[0] is not request[0] or now.hidden is not request[2]:
             return  # computed for other positions or other hidden vertices
-        if isinstance(made, Exception):
-            raise made
         self.renderer.picker = made
         self.plotter.render()  # now draws pins behind the mesh fainter
         self.picking_ready.emit()
@@ -163,6 +160,7 @@ class PickableRender(QWidget):
         return next((at for at, vertex in tested if not self.renderer.is_covered(vertex)), -1)
 
 
-def _ray_target(request: _Places, cancel: CancelCallback) -> RayTarget:
-    points, faces, hidden = request
-    return RayTarget(points, faces if hidden is None else faces[~hidden[faces].any(axis=1)], cancel)
+def _ray_target(places: _Places, call: Call) -> RayTarget:
+    points, faces, hidden = places
+    shown = faces if hidden is None else faces[~hidden[faces].any(axis=1)]
+    return RayTarget(points, shown, call.cancelled)
