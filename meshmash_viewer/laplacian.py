@@ -6,6 +6,7 @@ unit), `M` the area of each vertex (squared unit of the mesh), so λ is per squa
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -32,6 +33,11 @@ class OperatorOptions:
     #: Length that the robust operator adds to edges, relative to their mean, so that no triangle is
     #: degenerate.
     mollify_factor: float = 1e-5
+
+    def __post_init__(self) -> None:
+        factor = self.mollify_factor
+        if not 0.0 <= factor < math.inf:
+            raise InputError(f"mollify_factor is {factor}: give zero or a small positive one.")
 
 
 def cotangent_laplacian(
@@ -194,8 +200,7 @@ def _robust_operator(
 ) -> tuple[Edges, FloatArray]:
     import robust_laplacian
 
-    if not mollify_factor >= 0.0:
-        raise InputError(f"mollify_factor is {mollify_factor}: give zero or a small positive one.")
+    OperatorOptions(True, mollify_factor)  # checks the factor
     try:
         stiffness, mass = robust_laplacian.mesh_laplacian(
             vertices, faces, mollify_factor=float(mollify_factor)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from psygnal import Signal
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, packed_mask, read_session, unpacked_mask
-from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import read_saved_classes
 from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
@@ -24,7 +22,6 @@ from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.pins import Pin, free_number
 from meshmash_viewer.model.selection import mask_in_file, mask_of_file
-from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.surface.masks import Mask
 
 
@@ -48,8 +45,8 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         source=ready.source,
         mesh_hash=mesh.content_hash,
         n_vertices=mesh.n_file_vertices,
-        operator=asdict(document.solve.operator),
-        target={"kind": document.solve.target.kind, "value": document.solve.target.value},
+        operator=document.solve.operator,
+        target=document.solve.target,
         display=display_to_json(document.display, mesh.file_index),
         classes=document.classes.plain(),
         pins=[mesh.file_index(pin.vertex) for pin in pins],
@@ -133,8 +130,6 @@ class Restoration:
                     f"{path.name} has a damaged camera ({fault}): take that entry out, or open "
                     "another file."
                 ) from fault
-        self._operator = OperatorOptions(**session.operator)
-        self._target = Target(**session.target)
         self._document = document
         #: The session, and its file.
         self.session, self.path = session, path
@@ -149,8 +144,8 @@ class Restoration:
         session = self.session
         source = session.source if self._saved_itself else ""
         self._document.open_mesh(
-            self._mesh_path, session.unit, self._operator, repairs=session.repairs, source=source,
-            maps=self._maps, target=self._target if session.target else None,
+            self._mesh_path, session.unit, session.operator, repairs=session.repairs, source=source,
+            maps=self._maps, target=session.target,
         )  # fmt: skip
 
     def stop(self) -> None:
@@ -174,9 +169,9 @@ class Restoration:
         ):
             self.stop()
         else:
-            document.solve.operator = self._operator
-            if self.session.target:
-                document.solve.target = self._target
+            document.solve.operator = self.session.operator
+            if self.session.target is not None:
+                document.solve.target = self.session.target
             self.stop()
             with document.history.paused():
                 self._restore()

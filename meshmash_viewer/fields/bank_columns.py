@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
+from msgspec import Meta
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.filters import FilterBank
@@ -22,7 +23,7 @@ from meshmash_viewer.fields.family import (
     Samples,
     Table,
 )
-from meshmash_viewer.fields.parameter import Whole, parameter
+from meshmash_viewer.fields.parameter import parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import counted
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 #: Maximum number of columns.
 MOST_COLUMNS = 512
+ColumnCount = Annotated[int, Meta(ge=1, le=MOST_COLUMNS)]
 
 
 def estimated_pairs(spectrum: Eigenpairs, eigenvalue: float) -> str:
@@ -102,9 +104,9 @@ class Columns(Family):
     interval = 250
 
     #: Index of the column, from 0.
-    index: int = parameter(0, Whole(0, MOST_COLUMNS - 1))
+    index: int = parameter(0, Annotated[int, Meta(ge=0, lt=MOST_COLUMNS)])
     #: Number of columns.
-    count: int = parameter(32, Whole(1, MOST_COLUMNS))
+    count: int = parameter(32, ColumnCount)
 
     @property
     def column(self) -> int:

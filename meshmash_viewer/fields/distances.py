@@ -33,15 +33,7 @@ from meshmash_viewer.fields.family import (
     evenly_in_log,
 )
 from meshmash_viewer.fields.live_tables import build_heat_table
-from meshmash_viewer.fields.parameter import (
-    ABOVE_ZERO,
-    MOST_INDEX,
-    Choice,
-    Listing,
-    Number,
-    Whole,
-    parameter,
-)
+from meshmash_viewer.fields.parameter import Index, Positive, parameter
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, weyl_eigenvalue
@@ -70,14 +62,18 @@ class Distances(Family):
 
     #: Kind of distance, a key of `MEASURES`.
     measure: str = parameter(
-        "geodesic", Choice(MEASURES), option="distance", help="kind of distance; default: geodesic"
+        "geodesic",
+        str,
+        labels=MEASURES,
+        option="distance",
+        help="kind of distance; default: geodesic",
     )
     #: Vertex from which distances are measured.
-    vertex: int | None = parameter(None, Whole(), vertex=True)
+    vertex: int | None = parameter(None, Index, vertex=True)
     #: Diffusion time, in squared length units; None as in `time_in`.
     time: float | None = parameter(
         None,
-        Number(ABOVE_ZERO),
+        Positive,
         power=2,
         option="time",
         metavar="T",
@@ -86,7 +82,7 @@ class Distances(Family):
     #: One vertex for each exported column; if empty, only `vertex`.
     vertices: tuple[int, ...] = parameter(
         (),
-        Listing(Whole(), MOST_INDEX, into=tuple),
+        tuple[Index, ...],
         vertex=True,
         saved=False,
         option="vertex",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
+from msgspec import Meta
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields.family import Answer, Description, Family, Profile, Samples, Table
-from meshmash_viewer.fields.parameter import Listing, Whole, parameter
+from meshmash_viewer.fields.parameter import Index, parameter
 from meshmash_viewer.spectral.eigenpairs import (
     Eigenpairs,
     Multiplet,
@@ -46,12 +47,12 @@ class Eigenfunctions(Family):
     interval = 250
 
     #: Index of the eigenfunction, from 0.
-    index: int = parameter(1, Whole())
+    index: int = parameter(1, Index)
     #: Indices of the functions drawn with flipped sign.
-    flipped: frozenset[int] = parameter(frozenset(), Listing(Whole(), 1_000_000, into=frozenset))
+    flipped: frozenset[int] = parameter(frozenset(), frozenset[Index])
     #: Rotation within a multiplet, empty for none: an index, another index of the multiplet, and
     #: the angle in degrees by which the first function is rotated towards the second.
-    rotation: tuple[int, ...] = parameter((), Listing(Whole(), 3, into=tuple))
+    rotation: tuple[int, ...] = parameter((), Annotated[tuple[Index, ...], Meta(max_length=3)])
 
     @property
     def definition(self) -> str:

@@ -19,8 +19,8 @@ from meshmash_viewer.features.filters import (
     gaussian_pyramid_bank,
     low_pass_bank,
 )
-from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, formula_bank
-from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, BankFamily
+from meshmash_viewer.features.formula import Formula, formula_bank
+from meshmash_viewer.fields.bank_columns import BankFamily, ColumnCount
 from meshmash_viewer.fields.family import (
     Answer,
     Cancel,
@@ -33,7 +33,7 @@ from meshmash_viewer.fields.family import (
     evenly_in_log,
 )
 from meshmash_viewer.fields.live_tables import PairTable, build_pair_table, summed
-from meshmash_viewer.fields.parameter import Flag, Kind, Named, Number, Text, Whole, parameter
+from meshmash_viewer.fields.parameter import CheckedText, Finite, NotNegative, parameter
 from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.units import format_number, format_quantity, named_quantity
@@ -62,17 +62,16 @@ _PURE = 0.1, 10.0
 _BEYOND = 1.001
 #: Exponent λt of the slowest nonconstant pair at the longest time.
 _DECAYED = 10.0
-#: Maximum number of parameter values in a session.
-_MOST_VALUES = 16
 
 Values = tuple[tuple[str, float], ...]
 
 
-class _End(Kind):
-    """End of the range of a parameter; zero, from old session files, becomes None."""
+class FormulaText(CheckedText):
+    """Text of a formula."""
 
-    def __call__(self, value: object) -> float | None:
-        return Number(0.0)(value) or None
+    @staticmethod
+    def check(text: str) -> object:
+        return Formula(text)
 
 
 @dataclass(frozen=True)
@@ -96,27 +95,27 @@ class Filters(BankFamily):
     #: its first parameter.
     text: str = parameter(
         READY["Low-pass"],
-        Text(MOST_CHARACTERS, Formula),
+        FormulaText,
         option="formula",
         help='formula in x, which is λ, such as "exp(-t*x) * (x > 1e-8)"; default "x < c"',
     )
     #: Chosen values of parameters; the spectrum determines the others.
     values: Values = parameter(
         (),
-        Named(Number(), _MOST_VALUES),
+        dict[str, Finite],
         option="set",
         metavar="NAME=VALUE",
         help="value of a parameter of the formula; NAME=LOW:HIGH spreads the columns over a range",
     )
     #: Number of exported columns. A single column is the present filter; for several, the first
     #: parameter varies over its range.
-    count: int = parameter(1, Whole(1, MOST_COLUMNS))
+    count: int = parameter(1, ColumnCount)
     #: Whether the spectrum determines the range of the first parameter.
     automatic: bool = parameter(
-        True, Flag(), text="Automatic, from the spectrum", tip="Of the first parameter"
+        True, bool, text="Automatic, from the spectrum", tip="Of the first parameter"
     )
-    low: float | None = parameter(None, _End(), text="Lowest value")
-    high: float | None = parameter(None, _End(), text="Highest value")
+    low: float | None = parameter(None, NotNegative, text="Lowest value")
+    high: float | None = parameter(None, NotNegative, text="Highest value")
 
     # -- parameters ---------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from meshmash_viewer.features.filter_responses import SplineResponse
 from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns, estimated_pairs
 from meshmash_viewer.fields.family import Family, Reading, Response
-from meshmash_viewer.fields.parameter import Flag, Number, parameter
+from meshmash_viewer.fields.parameter import NotNegative, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, format_eigenvalue
 from meshmash_viewer.spectral.weyl import Target, format_wavelength, weyl_eigenvalue
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
@@ -46,16 +46,16 @@ class GeometryVectors(BankColumns):
     #: Whether bands span the computed spectrum or the range `low` to `high`.
     automatic: bool = parameter(
         True,
-        Flag(),
+        bool,
         text="Automatic, from 0 to the last λ",
         tip="The ends can be dragged on the spectrum, too",
     )
     #: Range of eigenvalues in inverse squared length units when not automatic.
     low: float | None = parameter(
-        None, Number(0.0), power=-2, text="Lowest eigenvalue", control="band_min_field"
+        None, NotNegative, power=-2, text="Lowest eigenvalue", control="band_min_field"
     )
     high: float | None = parameter(
-        None, Number(0.0), power=-2, text="Highest eigenvalue", control="band_max_field"
+        None, NotNegative, power=-2, text="Highest eigenvalue", control="band_max_field"
     )
 
     def range(self, spectrum: Eigenpairs) -> tuple[float, float]:

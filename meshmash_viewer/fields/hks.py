@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+from msgspec import Meta
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.features.filter_responses import check_times, hks_times
@@ -29,7 +30,7 @@ from meshmash_viewer.fields.family import (
     evenly_in_log,
 )
 from meshmash_viewer.fields.live_tables import build_heat_table
-from meshmash_viewer.fields.parameter import ABOVE_ZERO, Flag, Number, Whole, parameter
+from meshmash_viewer.fields.parameter import Positive, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, grew
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
@@ -58,18 +59,18 @@ class HeatKernelSignature(BankFamily):
     logarithmic = (True, True, True)
 
     #: Diffusion time in squared length units; None is the middle of the range in log scale.
-    time: float | None = parameter(None, Number(ABOVE_ZERO), power=2)
+    time: float | None = parameter(None, Positive, power=2)
     #: Whether the range is chosen from the spectrum (Sun et al. 2009), not by `t_min` and `t_max`.
     automatic: bool = parameter(
         True,
-        Flag(),
+        bool,
         text="Automatic, from the spectrum",
         tip="4 ln 10 / λ_max to 4 ln 10 / λ₂ (Sun et al. 2009)",
     )
     #: Range of times in squared length units when not automatic.
     t_min: float | None = parameter(
         None,
-        Number(ABOVE_ZERO),
+        Positive,
         power=2,
         text="Shortest time",
         option="t_min",
@@ -79,7 +80,7 @@ class HeatKernelSignature(BankFamily):
     )
     t_max: float | None = parameter(
         None,
-        Number(ABOVE_ZERO),
+        Positive,
         power=2,
         text="Longest time",
         option="t_max",
@@ -88,7 +89,9 @@ class HeatKernelSignature(BankFamily):
     )
     #: Number of times in the exported feature and on the profile plot.
     scales: int = parameter(
-        32, Whole(1, MOST_COUNT), tip="Columns of the exported feature, evenly spaced in log t"
+        32,
+        Annotated[int, Meta(ge=1, le=MOST_COUNT)],
+        tip="Columns of the exported feature, evenly spaced in log t",
     )
 
     @property

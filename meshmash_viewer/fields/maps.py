@@ -7,9 +7,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
+from msgspec import Meta
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import InputError
@@ -41,17 +42,7 @@ from meshmash_viewer.fields.live_tables import (
     projected,
     summed,
 )
-from meshmash_viewer.fields.parameter import (
-    MOST_INDEX,
-    MOST_NAME,
-    Choice,
-    Listing,
-    Named,
-    Number,
-    Text,
-    Whole,
-    parameter,
-)
+from meshmash_viewer.fields.parameter import MOST_INDEX, Finite, Name, parameter
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew, same_pairs
 from meshmash_viewer.surface.curvature import DIRECTION_FAULT
@@ -112,7 +103,7 @@ class OwnMaps(Family):
     #: Name of the map; if it does not exist, the first map is used.
     chosen: str = parameter(
         "",
-        Text(MOST_NAME),
+        Name,
         option="map_name",
         metavar="NAME",
         help="name of a map of the mesh or of a file, or of a curvature",
@@ -121,18 +112,19 @@ class OwnMaps(Family):
     #: filter of `Filters`, or the strongest band at each vertex.
     view: str = parameter(
         "map",
-        Choice(VIEWS),
+        str,
+        labels=VIEWS,
         option="view",
         offered=("map", "pairs", "band"),
         help="map: the map itself, each map is a column; pairs: its sum over the lowest pairs, a"
         " column for each number of pairs; band: the dominant band at each vertex",
     )
     #: Number of the lowest pairs.
-    pairs: int = parameter(30, Whole(1, MOST_INDEX))
+    pairs: int = parameter(30, Annotated[int, Meta(ge=1, le=MOST_INDEX)])
     #: Automatic limits, by name, of maps that are copies of fields: low, high, 1 if logarithmic,
     #: and 1 if signed.
     colors: tuple[tuple[str, tuple[float, ...]], ...] = parameter(
-        (), Named(Listing(Number(), 4, 4, tuple), MOST_INDEX)
+        (), dict[str, tuple[Finite, Finite, Finite, Finite]]
     )
     #: The map, set by `resolved`; None for a curvature, which is computed on demand.
     shown: VertexMap | None = None

@@ -12,9 +12,9 @@ from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_responses import first_nonzero_eigenvalue
 from meshmash_viewer.features.sums import Features, sum_squares
-from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, Columns
+from meshmash_viewer.fields.bank_columns import ColumnCount, Columns
 from meshmash_viewer.fields.family import ColumnArray, Description, Profile, Samples
-from meshmash_viewer.fields.parameter import Whole, parameter
+from meshmash_viewer.fields.parameter import parameter
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.cost import check_room
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
@@ -78,7 +78,7 @@ class ScaleInvariantHKS(Columns):
     nouns = ("Frequency", "Frequencies")
     export = "sihks"
 
-    count: int = parameter(6, Whole(1, MOST_COLUMNS))
+    count: int = parameter(6, ColumnCount)
 
     @property
     def definition(self) -> str:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.bank_columns import FEATURES, BankFamily
 from meshmash_viewer.fields.family import Answer, Cancel, Description, Family, Table
-from meshmash_viewer.fields.parameter import Choice, Whole, parameter
+from meshmash_viewer.fields.parameter import Index, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew
 
 #: Neglected share of the variance: the relative error of 2e-3 is half a step of colour.
@@ -38,9 +38,9 @@ class Similarity(Family):
     bright_low = True
 
     #: Vertex from which distances are measured.
-    vertex: int | None = parameter(None, Whole(), vertex=True)
+    vertex: int | None = parameter(None, Index, vertex=True)
     #: Name of the family whose exported columns are the features.
-    basis: str = parameter("hks", Choice(FEATURES))
+    basis: str = parameter("hks", str, labels=FEATURES)
     #: Family of the features, set by `resolved`.
     features: BankFamily | None = None
 

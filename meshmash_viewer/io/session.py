@@ -10,30 +10,31 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Meta
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.parameter import (
-    Choice,
-    Flag,
-    Kind,
-    Listing,
-    Number,
+    MOST_INDEX,
+    CheckedText,
+    Index,
+    NotNegative,
     Parameters,
-    Record,
     Text,
-    Whole,
     checked_entry,
+    invalid_entry,
     parameter,
+    record,
 )
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.links import is_link, link_file, parse_link, shown_path
+from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.quantities import parse_unit
-from meshmash_viewer.spectral.weyl import TARGET_KINDS
+from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import COLOR, Label, VertexMap
 
 SESSION_ENDING = ".meshmash.json"
@@ -47,75 +48,39 @@ _VERSION, _WITHOUT_REPAIRS = 3, 2
 _LARGEST = 16_000_000
 
 
-def _check_color(text: str) -> None:
-    if text and not COLOR.fullmatch(text):
-        raise ValueError
+class _Unit(CheckedText):
+    """Unit of length with an optional factor, or ""."""
+
+    @staticmethod
+    def check(text: str) -> object:
+        return parse_unit(text)
 
 
-def _check_mask(text: str) -> None:
-    try:
-        zlib.decompressobj().decompress(base64.b64decode(text, validate=True), 1)
-    except zlib.error as fault:
-        raise ValueError from fault
+class _Repair(CheckedText):
+    """Name of a repair."""
+
+    @staticmethod
+    def check(text: str) -> object:
+        if text not in REPAIRS:
+            raise ValueError(f"no repair is called '{text}'")
+        return text
 
 
-#: A unit of length with an optional factor, a colour "#RRGGBB", a text of `packed_mask`; all may
-#: be "".
-_UNIT = Text(100, parse_unit, 'a unit such as "nm" or "8 nm"')
-_COLOR = Text(4096, _check_color, 'a colour such as "#E69F00"')
-_MASK = Text(_LARGEST, _check_mask, "packed vertices, as the program writes them")
-
-
-class _FileNames(Listing):
-    """Names of files; older sessions have a single name, or "", in place of the list."""
-
-    def __call__(self, value: object) -> Any:
-        if isinstance(value, str):
-            value = [value] if value else []
-        return super().__call__(value)
-
-
-class _Target(Kind):
-    """A kind of target with its value."""
-
-    def __call__(self, value: object) -> dict[str, Any]:
-        kinds = Record({"kind": Choice(dict.fromkeys(TARGET_KINDS))})(value)
-        size = Whole(1) if kinds.get("kind", "count") == "count" else Number(1e-150, 1e150)
-        return {**kinds, **Record({"value": size})(value)}
-
-
-_FILES = Listing(Text(), 1000, different=True)
-_NAMES = Listing(Text(), 10_000)
-_REPAIRS = Listing(Choice(REPAIRS), 100)
-_AXIS = Listing(Number(-1.001, 1.001), 3, 3)
-_CAMERA = Record(
-    {
-        "focus": Listing(Number(-1e30, 1e30), 3, 3),
-        "axes": Listing(_AXIS, 3, 3),
-        "half_size": Number(1e-30, 1e30),
-        "fitted": Flag(),
-    }
-)
-_MATCH = Record(
-    {
-        "feature": Text(100),
-        "refined": Flag(),
-        "carried": Flag(),
-        "pinned": Listing(Listing(Whole(), 2, 2), 10_000),
-    }
-)
-
-_POINTS = Record(
-    {
-        "path": Text(),
-        "hash": Text(100),
-        "unit": _UNIT,
-        "position": Text(200),
-        "column": Text(200),
-        "size": Whole(1, 100),
-        "max_distance": Number(0.0),
-    }
-)
+_Color = Annotated[str, Meta(pattern=rf"^(|{COLOR.pattern})\Z")]
+_Vector = Annotated[
+    list[Annotated[float, Meta(ge=-1e30, le=1e30)]], Meta(min_length=3, max_length=3)
+]
+_Pair = Annotated[list[Index], Meta(min_length=2, max_length=2)]
+_PINS = Annotated[list[Index], Meta(max_length=10_000)]
+_CAMERA = {
+    "focus": _Vector, "axes": Annotated[list[_Vector], Meta(min_length=3, max_length=3)],
+    "half_size": Annotated[float, Meta(ge=1e-30, le=1e30)], "fitted": bool,
+}  # fmt: skip
+_MATCH = {"feature": Text, "refined": bool, "carried": bool, "pinned": list[_Pair]}
+_POINTS = {
+    "path": Text, "hash": Text, "unit": _Unit, "position": Text, "column": Text,
+    "size": Annotated[int, Meta(ge=1, le=100)], "max_distance": NotNegative,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -124,69 +89,66 @@ class Session(Parameters):
 
     #: File of the mesh. It is written as a relative path if it is below the folder of the session
     #: file, so that both can be moved together; a link file is written as its link.
-    mesh_path: str = parameter("", Text())
+    mesh_path: str = parameter("", Text)
     #: Files of added maps, in their order; written as relative paths like `mesh_path`.
-    maps: list[str] = parameter(list, _FILES)
+    maps: list[str] = parameter(list, list[Text])
     #: Names of all maps of the mesh, in their order.
-    map_names: list[str] = parameter(list, _NAMES)
+    map_names: list[str] = parameter(list, list[Text])
     #: Name of the label set that is edited; "" for none.
-    label_set: str = parameter("", Text())
+    label_set: str = parameter("", Text)
     #: Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that is
     #: stated by the format.
-    unit: str = parameter("", _UNIT)
+    unit: str = parameter("", _Unit)
     #: Names of the repairs made after reading, oldest first.
-    repairs: list[str] = parameter(list, _REPAIRS)
+    repairs: list[str] = parameter(list, list[_Repair])
     #: Content hash of the mesh before its repairs; "" if unknown.
-    source: str = parameter("", Text(200))
+    source: str = parameter("", Text)
     #: Content hash of the repaired mesh, to detect changes of the file; "" if unknown.
-    mesh_hash: str = parameter("", Text(200))
+    mesh_hash: str = parameter("", Text)
     #: Number of vertices that `pins` index; 0 if unknown.
-    n_vertices: int = parameter(0, Whole())
-    #: Fields of `OperatorOptions`.
-    operator: dict[str, Any] = parameter(
-        dict, Record({"robust": Flag(), "mollify_factor": Number(0.0)})
-    )
-    #: Fields of `Target`: ``kind`` and ``value``.
-    target: dict[str, Any] = parameter(dict, _Target())
+    n_vertices: int = parameter(0, Index)
+    #: Options of the Laplacian, and the target of the next solve; None for the default.
+    operator: OperatorOptions = parameter(OperatorOptions, OperatorOptions)
+    target: Target | None = parameter(None, Target)
     #: The displayed field with its limits and colours, in the form written by the window's model.
-    display: dict[str, Any] = parameter(dict, Record({}))
+    display: dict[str, Any] = parameter(dict, dict[str, Any])
     #: Settings of the classes and the state of their prediction, in the form of the model.
-    classes: dict[str, Any] = parameter(dict, Record({}))
+    classes: dict[str, Any] = parameter(dict, dict[str, Any])
     #: Pinned vertices, by their index in the mesh file, and the numbers of their pins.
-    pins: list[int] = parameter(list, Listing(Whole(), 10_000, different=True))
-    pin_numbers: list[int] = parameter(list, Listing(Whole(1), 10_000, different=True))
+    pins: list[int] = parameter(list, _PINS)
+    pin_numbers: list[int] = parameter(list, _PINS)
     #: Names and colours of the pins, "" for none.
-    pin_names: list[str] = parameter(list, Listing(Text(200), 10_000))
-    pin_colors: list[str] = parameter(list, Listing(_COLOR, 10_000))
+    pin_names: list[str] = parameter(list, list[Text])
+    pin_colors: list[str] = parameter(list, list[_Color])
     #: Selected vertices of the mesh file, as a text of `packed_mask`.
-    selection: str = parameter("", _MASK)
+    selection: str = parameter("", str)
     #: Hidden vertices of the mesh file, as a text of `packed_mask`.
-    hidden: str = parameter("", _MASK)
+    hidden: str = parameter("", str)
     #: Vertices on which eigenpairs are computed, as a text of `packed_mask`; "" for all vertices.
-    part: str = parameter("", _MASK)
+    part: str = parameter("", str)
     #: Result of `PointSet.plain`, with a path that is relative like `mesh_path`.
-    points: dict[str, Any] = parameter(dict, _POINTS)
+    points: dict[str, Any] = parameter(dict, record(_POINTS))
     #: Names of files in the folder of the session, with maps that are in no other file.
-    kept_maps: list[str] = parameter(list, _FileNames(Text(200), 1000))
+    kept_maps: list[str] = parameter(list, list[Text])
     #: False for older sessions, in which vertices are given by their index in the repaired mesh.
     file_indices: bool = True
     #: Focal point, axes and half size of the view in mesh coordinates; empty for the default view.
-    camera: dict[str, Any] = parameter(dict, _CAMERA)
+    camera: dict[str, Any] = parameter(dict, record(_CAMERA))
     #: Like `mesh_path` and `unit`, for the second mesh; "" without a second mesh.
-    second_path: str = parameter("", Text())
-    second_unit: str = parameter("", _UNIT)
+    second_path: str = parameter("", Text)
+    second_unit: str = parameter("", _Unit)
     #: Like `maps`, `map_names`, `kept_maps` and `repairs`, for the second mesh.
-    second_maps: list[str] = parameter(list, _FILES)
-    second_map_names: list[str] = parameter(list, _NAMES)
-    second_kept_maps: list[str] = parameter(list, Listing(Text(200), 1000))
-    second_repairs: list[str] = parameter(list, _REPAIRS)
+    second_maps: list[str] = parameter(list, list[Text])
+    second_map_names: list[str] = parameter(list, list[Text])
+    second_kept_maps: list[str] = parameter(list, list[Text])
+    second_repairs: list[str] = parameter(list, list[_Repair])
     #: Like `part`, for the second mesh.
-    second_part: str = parameter("", _MASK)
+    second_part: str = parameter("", str)
     #: Names of the active links between the views of the two meshes.
-    links: list[str] = parameter(list, Listing(Text(100), 100, different=True))
+    links: list[str] = parameter(list, list[Text])
     #: Settings of the matching of vertices: the feature, whether the match is refined, whether
     #: colours are transferred, and pairs of a pin number and its vertex on the second mesh.
-    match: dict[str, Any] = parameter(dict, _MATCH)
+    match: dict[str, Any] = parameter(dict, record(_MATCH))
 
 
 def write_session(path: str | Path, session: Session) -> None:
@@ -211,14 +173,8 @@ def write_session(path: str | Path, session: Session) -> None:
         part.write_text(text + "\n", encoding="utf-8")
 
 
-def read_session(path: str | Path) -> Session:
-    """Read a session, and make its paths absolute.
-
-    `InputError` is raised if the file cannot be read, is not a session, was written by a newer
-    program, or has an entry of the wrong type or out of bounds; `display` and `classes` are not
-    checked here.
-    """
-    path = Path(path)
+def _read_content(path: Path) -> tuple[dict[str, Any], int]:
+    """Return the unchecked entries of a session file, and its version."""
     try:
         with path.open("rb") as file:
             text = file.read(_LARGEST + 1)
@@ -229,7 +185,7 @@ def read_session(path: str | Path) -> Session:
     if len(text) > _LARGEST:
         raise InputError(f"{path} is too large for a session; open another file.")
     try:
-        content = json.loads(text)
+        content = json.loads(text, parse_float=_number)
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
@@ -240,19 +196,28 @@ def read_session(path: str | Path) -> Session:
             f"{path} is a session of version {version}, and this program knows {_VERSION};"
             " open it with the program that wrote it."
         )
-    session = {
-        name: checked_entry(each.check, content[name], path, name)
-        for name, each in Session.declared().items()
-        if name in content
-    }
-    session |= {name: content.get(name, {}) for name in ("display", "classes")}
+    return content, version
+
+
+def read_session(path: str | Path) -> Session:
+    """Read a session, and make its paths absolute.
+
+    `InputError` is raised if the file cannot be read, is not a session, was written by a newer
+    program, or has an entry of the wrong type or out of bounds; `display` and `classes` are not
+    checked here.
+    """
+    path = Path(path)
+    content, version = _read_content(path)
+    if isinstance(kept := content.get("kept_maps"), str):  # in older sessions the one name, or ""
+        content["kept_maps"] = [kept] if kept else []
+    if content.get("target") == {}:
+        del content["target"]
+    session = checked_entry(record(Session.entries()), content, path)
     session["file_indices"] = version == _VERSION or not session.get("repairs")
     beyond = [pin for pin in session.get("pins", []) if pin >= session.get("n_vertices", 0)]
     if session.get("n_vertices") and beyond:
-        raise InputError(
-            f"{path.name} has pins at vertex {beyond[0]}, and its mesh has "
-            f"{session['n_vertices']} vertices: correct that entry, or open another file."
-        )
+        about = f"vertex {beyond[0]}, and its mesh has {session['n_vertices']} vertices"
+        raise invalid_entry(path, "pins", about)
     folder = path.absolute().parent
     for name in ("mesh_path", "second_path"):
         if is_link(session.get(name)):
@@ -264,6 +229,12 @@ def read_session(path: str | Path) -> Session:
     if points := session.get("points"):
         points["path"] = os.path.normpath(folder / points["path"]) if points.get("path") else ""
     return Session(**session)
+
+
+def _number(text: str) -> float:
+    """Convert a number of JSON; older sessions have counts such as 50.0."""
+    value = float(text)
+    return int(value) if value.is_integer() and abs(value) <= MOST_INDEX else value
 
 
 def packed_mask(mask: npt.NDArray[np.bool_] | None) -> str:
@@ -282,8 +253,8 @@ def unpacked_mask(text: str, n: int) -> npt.NDArray[np.bool_] | None:
         return None
     size = -(-n // 8)
     try:
-        bits = zlib.decompressobj().decompress(base64.b64decode(text), size + 1)
-    except zlib.error:
+        bits = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), size + 1)
+    except (ValueError, zlib.error):
         bits = b""
     if len(bits) != size:
         raise InputError(f"vertices of a mesh that does not have {n:,} vertices")

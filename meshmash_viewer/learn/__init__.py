@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 Classifier = Literal["ensemble", "forest", "logistic"]
+ColumnKind = Literal["hks", "wks", "curvature"]
 #: Kinds of classifiers, the default first, with descriptions.
 CLASSIFIERS: dict[str, str] = {
     "ensemble": "mean probability of the two others",

@@ -3,31 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 from weakref import WeakKeyDictionary
 
+import msgspec
 import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.fields.parameter import (
-    MOST_NAME,
-    Choice,
-    Flag,
-    Listing,
-    Number,
-    Parameters,
-    Record,
-    Text,
-    checked_entry,
-    parameter,
-)
+from meshmash_viewer.fields.parameter import Name, NotNegative, Text, checked_entry
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.learn import CLASSIFIERS, KINDS, Classifier
+from meshmash_viewer.learn import Classifier, ColumnKind
 from meshmash_viewer.model.jobs import MeshJob, Work, heard_warnings
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
@@ -50,46 +39,38 @@ _OUTDATED = " The labels or the options have changed since: press Classify."
 
 
 @dataclass(frozen=True)
-class ClassOptions(Parameters):
+class ClassOptions:
     """Options of `train_classes`; `smoothing` is a length in the unit of the mesh."""
 
-    kinds: tuple[str, ...] = parameter(
-        tuple(KINDS)[-1:], Listing(Choice(KINDS), len(KINDS), into=tuple, different=True)
-    )
-    classifier: Classifier = parameter("ensemble", Choice(CLASSIFIERS))
-    smoothing: float = parameter(0.0, Number(0.0))
+    kinds: tuple[ColumnKind, ...] = ("curvature",)
+    classifier: Classifier = "ensemble"
+    smoothing: NotNegative = 0.0
 
 
 @dataclass(frozen=True)
-class Learned(Parameters):
+class Learned:
     """Scores of a prediction."""
 
     #: The scores in one line, or the reason why there are none.
-    said: str = parameter("", Text())
+    said: Text = ""
     #: Name of the label set used for training.
-    labels: str = parameter("", Text(MOST_NAME))
-
-    @classmethod
-    def from_plain(cls, value: object) -> Learned | None:
-        """Convert a result of `plain` back; raise `Refused` for invalid values."""
-        return None if value is None else cls(**cls.entries()(value))
+    labels: Name = ""
 
 
-#: Validator of a result of `Classes.plain`.
-_SAVED = Record(
-    {
-        **ClassOptions.entries().kinds,
-        "live": Flag(),
-        "outdated": Flag(),
-        "learned": Learned.from_plain,
-    }
-)
+@dataclass(frozen=True)
+class SavedClasses(ClassOptions):
+    """Options and scores in a session file."""
+
+    live: bool = False
+    #: `Classes.outdated`.
+    outdated: bool = False
+    learned: Learned | None = None
 
 
-def read_saved_classes(content: object, path: Path) -> dict[str, Any]:
+def read_saved_classes(content: object, path: Path) -> SavedClasses:
     """Return the validated classes of a session file; raise `InputError` for an invalid entry."""
-    taken: dict[str, Any] = checked_entry(_SAVED, content, path, "classes")
-    return taken
+    saved: SavedClasses = checked_entry(SavedClasses, content, path, "classes")
+    return saved
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,16 +244,16 @@ class Classes:
 
     def plain(self) -> dict[str, Any]:
         """Return options and scores as values for JSON."""
-        learned = None if self.learned is None else self.learned.plain()
-        state = {"live": self._live, "outdated": self.outdated, "learned": learned}
-        return {**self._options.plain(), **state}
+        saved = SavedClasses(**vars(self._options), live=self._live, outdated=self.outdated,
+                             learned=self.learned)  # fmt: skip
+        plain: dict[str, Any] = msgspec.to_builtins(saved)
+        return plain
 
-    def restore(self, saved: Mapping[str, Any] = MappingProxyType({})) -> None:
-        """Restore a result of `read_saved_classes`; missing entries get their defaults."""
-        given = {name: saved[name] for name in ClassOptions.declared() if name in saved}
-        self._options, self._live = ClassOptions(**given), saved.get("live", False)
-        learned, self._refused = saved.get("learned"), None
-        self._awaiting = None if learned is None else (learned, saved.get("outdated", False))
+    def restore(self, saved: SavedClasses = SavedClasses()) -> None:
+        """Restore a result of `read_saved_classes`."""
+        self._options = ClassOptions(saved.kinds, saved.classifier, saved.smoothing)
+        self._live, self._refused = saved.live, None
+        self._awaiting = None if saved.learned is None else (saved.learned, saved.outdated)
         self.changed.emit()
 
     def classify(self) -> None:

@@ -5,25 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 from psygnal import SignalGroupDescriptor
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.parameter import (
-    Choice,
-    Flag,
-    Listing,
-    Number,
+    MOST_INDEX,
     Parameters,
-    Record,
-    Whole,
+    Share,
     checked_entry,
-    in_order,
+    invalid_entry,
+    one_of,
     parameter,
+    record,
 )
 from meshmash_viewer.model.limits import (
     LimitPolicy,
@@ -41,10 +41,9 @@ _T = TypeVar("_T")
 FEWEST_PAIRS = 4
 #: Largest amplitude, as a share of the diagonal of the mesh's bounding box.
 MOST_AMPLITUDE = 0.2
-_POLICIES: dict[str, type[Any]] = {
-    policy.__name__: policy
-    for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
-}
+#: Policies of limits in a session file, and a number between -1 and 1.
+_Policy = SymmetricLimits | MinMaxLimits | PercentileLimits | LockedLimits
+_Signed = Annotated[float, Meta(ge=-1.0, le=1.0)]
 
 
 @dataclass(frozen=True)
@@ -52,14 +51,14 @@ class Shape(Parameters):
     """Displacement of the displayed mesh: none, or rebuilt from its lowest eigenpairs."""
 
     #: Whether the vertices are rebuilt from eigenfunctions.
-    shown: bool = parameter(False, Flag())
+    shown: bool = parameter(False, bool)
     #: Number of lowest pairs; at least `FEWEST_PAIRS`.
-    pairs: int = parameter(50, Whole(FEWEST_PAIRS))
+    pairs: int = parameter(50, Annotated[int, Meta(ge=FEWEST_PAIRS, le=MOST_INDEX)])
     #: Interpolation between the mesh (0) and the rebuilt shape (1).
-    morph: float = parameter(1.0, Number(0.0, 1.0))
+    morph: float = parameter(1.0, Share)
     #: Amplitude of the vibration as a share of the diagonal of the mesh's bounding box, from 0 to
     #: `MOST_AMPLITUDE`.
-    amplitude: float = parameter(0.05, Number(0.0, MOST_AMPLITUDE))
+    amplitude: float = parameter(0.05, Annotated[float, Meta(ge=0.0, le=MOST_AMPLITUDE)])
 
     def within(self, n_pairs: int) -> int:
         """Return the number of pairs to use if `n_pairs` are available."""
@@ -71,14 +70,14 @@ class Cut(Parameters):
     """Clipping plane relative to the bounding box, and so independent of the unit."""
 
     #: Whether the mesh is cut at the plane.
-    shown: bool = parameter(False, Flag())
+    shown: bool = parameter(False, bool)
     #: Unit vector towards the visible side; zero if there is no plane.
     normal: tuple[float, float, float] = parameter(
-        (0.0, 0.0, 0.0), Listing(Number(-1.0, 1.0), 3, 3, tuple)
+        (0.0, 0.0, 0.0), tuple[_Signed, _Signed, _Signed]
     )
     #: Distance of the plane from the centre of the bounding box along the normal, in units of half
     #: its diagonal.
-    offset: float = parameter(0.0, Number(-1.0, 1.0))
+    offset: float = parameter(0.0, _Signed)
 
     @property
     def placed(self) -> bool:
@@ -196,6 +195,12 @@ def _with(chosen: Mapping[str, _T], key: str, value: _T | None) -> Mapping[str, 
 
 # -- as JSON, for session files -----------------------------------------------------------------
 
+#: Attributes written to JSON without conversion; `playing` is not written.
+_PLAIN = (
+    "kind", "nodal_lines", "label_borders", "label_graph", "diverging_colormap",
+    "sequential_colormap", "log_scales", "hide_small",
+)  # fmt: skip
+
 
 def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict[str, Any]:
     """Convert the display to JSON; `index` maps a vertex to the written index."""
@@ -204,10 +209,7 @@ def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict
         "fields": {
             name: family.at_vertices(index).plain() for name, family in display.fields.items()
         },
-        "policies": {
-            name: {"policy": type(policy).__name__, **vars(policy)}
-            for name, policy in display.policies.items()
-        },
+        "policies": msgspec.to_builtins(display.policies),
         "cut": display.cut.plain(),
         "shape": display.shape.plain(),
     }
@@ -218,8 +220,42 @@ def read_display(content: object, path: Path) -> dict[str, Any]:
 
     `InputError` is raised if a value has a wrong type, is out of bounds, or contradicts another.
     """
-    taken: dict[str, Any] = checked_entry(_DISPLAY, content, path, "display")
+    from matplotlib import colormaps
+
+    given = content if isinstance(content, dict) else {}
+    colormap = one_of(colormaps)
+    kinds = {
+        **dict.fromkeys(_PLAIN, bool),
+        "kind": one_of(FAMILIES),
+        "diverging_colormap": colormap,
+        "sequential_colormap": colormap,
+        "log_scales": _by_key(bool, given.get("log_scales")),
+        "policies": _by_key(_Policy, given.get("policies")),
+        "fields": record({name: record(each.entries()) for name, each in FAMILIES.items()}),
+        "cut": record(Cut.entries()),
+        "shape": record(Shape.entries()),
+    }
+    taken: dict[str, Any] = checked_entry(record(kinds), content, path, "display")
+    for name, chosen in taken.get("fields", {}).items():
+        low, high = FAMILIES[name].ordered or ("", "")
+        _check_order(chosen.get(low), chosen.get(high), path, f"fields.{name}.{low}")
+        pairs = {key: tuple(each.items()) for key, each in chosen.items() if isinstance(each, dict)}
+        chosen.update(pairs)
+    for name, policy in taken.get("policies", {}).items():
+        if isinstance(policy, PercentileLimits | LockedLimits):
+            _check_order(policy.low, policy.high, path, f"policies.{name}.low")
     return taken
+
+
+def _check_order(low: float | None, high: float | None, path: Path, entry: str) -> None:
+    if low is not None and high is not None and not low < high:
+        raise invalid_entry(path, f"display.{entry}", f"{low:g} is not below {high:g}")
+
+
+def _by_key(kind: Any, value: object) -> Any:
+    """Return the type of a mapping from `Family.limits_key`; keys of other programs are ignored."""
+    keys = value if isinstance(value, dict) else {}
+    return record({key: kind for key in keys if key.partition(":")[0] in FAMILIES})
 
 
 def display_from_json(
@@ -245,59 +281,3 @@ def display_from_json(
         if name in content:
             setattr(display, name, content[name])
     return lost
-
-
-def _policy(value: object) -> LimitPolicy:
-    name = Record({"policy": Choice(_POLICIES)}, required=True)(value)["policy"]
-    ends = Record(_POLICIES[name].entries().kinds, required=True)(value)
-    in_order(ends, "low", "high", value)
-    return _POLICIES[name](**ends)  # type: ignore[no-any-return]
-
-
-def _color_map(value: object) -> str:
-    from matplotlib import colormaps
-
-    return Choice(colormaps, "the name of a colour map of matplotlib")(value)
-
-
-def _family(family: type[Family]) -> Callable[[object], dict[str, Any]]:
-    def check(value: object) -> dict[str, Any]:
-        taken = family.entries()(value)
-        if family.ordered:
-            in_order(taken, *family.ordered, value)
-        return taken
-
-    return check
-
-
-def _by_key(kind: Callable[[object], Any]) -> Callable[[object], dict[str, Any]]:
-    """Return a check of a mapping from `Family.limits_key` to values."""
-
-    def check(value: object) -> dict[str, Any]:
-        keys = value if isinstance(value, dict) else {}
-        known = (key for key in keys if str(key).partition(":")[0] in FAMILIES)
-        return Record(dict.fromkeys(known, kind))(value)
-
-    return check
-
-
-#: Checks of the attributes written to JSON without conversion; `playing` is not written.
-_PLAIN: dict[str, Callable[[object], Any]] = {
-    "kind": Choice(FAMILIES),
-    "nodal_lines": Flag(),
-    "label_borders": Flag(),
-    "label_graph": Flag(),
-    "diverging_colormap": _color_map,
-    "sequential_colormap": _color_map,
-    "log_scales": _by_key(Flag()),
-    "hide_small": Flag(),
-}
-_DISPLAY = Record(
-    {
-        **_PLAIN,
-        "fields": Record({name: _family(family) for name, family in FAMILIES.items()}),
-        "policies": _by_key(_policy),
-        "cut": Cut.entries(),
-        "shape": Shape.entries(),
-    }
-)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, dataclass
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Annotated, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Meta, Struct
 
-from meshmash_viewer.fields.parameter import Number, Parameters, parameter
+from meshmash_viewer.fields.parameter import Finite
 
 Ends: TypeAlias = tuple[float, float]
 Values: TypeAlias = npt.NDArray[np.floating]
 Sample: TypeAlias = npt.NDArray[np.int64] | None
+Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
 
 #: Smallest lower limit of a log scale.
 _TINY = 1e-36
@@ -46,7 +47,10 @@ class Limits(NamedTuple):
 
 
 class LimitPolicy(Protocol):
-    """Interface of rules that choose limits; implementations are frozen and compared by value."""
+    """Interface of rules that choose limits; implementations are frozen and compared by value.
+
+    In JSON, their class is the entry ``policy``.
+    """
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         """Return limits ``low < high`` for values of shape (n,), ignoring NaN.
@@ -82,14 +86,13 @@ def extremes_of(values: Values) -> Ends:
     return low, high
 
 
-@dataclass(frozen=True)
-class SymmetricLimits(Parameters):
+class SymmetricLimits(Struct, frozen=True, tag_field="policy", tag=True):
     """Limits symmetric about zero, for signed fields: the middle colour is at the nodal line.
 
     A `percent` below 100 excludes extreme values.
     """
 
-    percent: float = 100.0
+    percent: Percent = 100.0
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         low, high = extremes_of(values)
@@ -99,20 +102,18 @@ class SymmetricLimits(Parameters):
         return -bound, bound
 
 
-@dataclass(frozen=True)
-class MinMaxLimits(Parameters):
+class MinMaxLimits(Struct, frozen=True, tag_field="policy", tag=True):
     """The smallest and the largest value."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         return _opened(*extremes_of(values))
 
 
-@dataclass(frozen=True)
-class PercentileLimits(Parameters):
+class PercentileLimits(Struct, frozen=True, tag_field="policy", tag=True):
     """Two percentiles over the area of the surface, for fields with few extreme values."""
 
-    low: float = parameter(1.0, Number(0.0, 100.0))
-    high: float = parameter(99.0, Number(0.0, 100.0))
+    low: Percent = 1.0
+    high: Percent = 99.0
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         looked_at = _finite(values if sample is None else values[sample])
@@ -120,12 +121,11 @@ class PercentileLimits(Parameters):
         return _opened(float(low), float(high))
 
 
-@dataclass(frozen=True)
-class LockedLimits(Parameters):
+class LockedLimits(Struct, frozen=True, tag_field="policy", tag=True):
     """Two fixed numbers, independent of the field."""
 
-    low: float = parameter(MISSING, Number())
-    high: float = parameter(MISSING, Number())
+    low: Finite
+    high: Finite
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         return _opened(self.low, self.high)

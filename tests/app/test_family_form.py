@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
 import pytest
 from closed_form import give, rectangle_document
+from faults import raises
+from msgspec import Meta
 from PySide6.QtWidgets import QCheckBox, QComboBox, QSpinBox
 from pytestqt.qtbot import QtBot
 
@@ -14,15 +18,7 @@ from meshmash_viewer.app.tabs import make_tab
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import wave_kernel_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
-from meshmash_viewer.fields.parameter import (
-    Choice,
-    Flag,
-    Number,
-    Parameter,
-    Refused,
-    Whole,
-    parameter,
-)
+from meshmash_viewer.fields.parameter import Index, Parameter, checked_entry, parameter, record
 
 
 @dataclass(frozen=True)
@@ -34,12 +30,17 @@ class Example(BankColumns):
     export = "example"
 
     width: float = parameter(
-        7.0, Number(0.5, 50.0), power=2, text="Width", option="width", help="width (unit²)"
+        7.0,
+        Annotated[float, Meta(ge=0.5, le=50.0)],
+        power=2,
+        text="Width",
+        option="width",
+        help="width (unit²)",
     )
-    order: int = parameter(3, Whole(1, 9), text="Order")
-    edge: str = parameter("soft", Choice({"soft": "Soft", "hard": "Hard"}), text="Edge")
-    scaled: bool = parameter(False, Flag(), text="Scaled")
-    hidden: int = parameter(0, Whole())
+    order: int = parameter(3, Annotated[int, Meta(ge=1, le=9)], text="Order")
+    edge: str = parameter("soft", str, labels={"soft": "Soft", "hard": "Hard"}, text="Edge")
+    scaled: bool = parameter(False, bool, text="Scaled")
+    hidden: int = parameter(0, Index)
 
     def bank(self, eigenvalues, area=None, bound=None):
         return wave_kernel_bank(eigenvalues, self.count)
@@ -83,14 +84,14 @@ def test_a_declaration_is_option_and_session_entry_too() -> None:
     declared = Example.declared()
     assert declared["width"].flag == "--width"
     assert declared["width"].parse("3 µm²").in_unit("nm") == pytest.approx(3e6)
-    plain = Parameter(Number(0.0, 50.0), option="sharpness")
+    plain = Parameter(Annotated[float, Meta(ge=0.0, le=50.0)], option="sharpness")
     assert plain.parse("12.5") == 12.5
     with pytest.raises(InputError, match="a number from 0 to 50, not 51"):
         plain.parse("51")
     saved = Example(width=9.0, edge="hard").plain()
-    assert Example(**Example.entries()(saved)) == Example(width=9.0, edge="hard")
-    wrong_ones = {".width": {"width": 51.0}, ".order": {"order": 0}, ".edge": {"edge": 3}}
+    kind, path = record(Example.entries()), Path("a.meshmash.json")
+    assert Example(**checked_entry(kind, saved, path)) == Example(width=9.0, edge="hard")
+    wrong_ones = {"width": 51.0, "order": 0, "edge": 3}
     for place, wrong in wrong_ones.items():
-        with pytest.raises(Refused) as refused:
-            Example.entries()(saved | wrong)
-        assert refused.value.place == place
+        with raises("invalid-entry", place):
+            checked_entry(kind, saved | {place: wrong}, path)

@@ -34,6 +34,7 @@ from meshmash_viewer.app.view.series import Shot
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.session import Session, write_session
+from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of
@@ -371,8 +372,8 @@ def test_a_bad_session_is_one_sentence_and_changes_nothing(
     document = shown.document
     good = Session(
         mesh_path=str(document.path),
-        target={"kind": "wavelength", "value": 0.5},
-        operator={"robust": False},
+        target=Target("wavelength", 0.5),
+        operator=OperatorOptions(False),
         display={"fields": {"band": {"count": 7}}},
     )
     path = tmp_path / "bad.meshmash.json"
@@ -407,7 +408,7 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
         mesh_path=str(mesh),
         pins=[3, 600],
         n_vertices=642,
-        target={"kind": "count", "value": 7},
+        target=Target("count", 7),
         display={
             "kind": "band",
             "fields": {"band": {"count": 7}},
@@ -424,7 +425,7 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
     assert document.solve.target == Target("count", 7)
     # a session whose mesh file is missing changes nothing
     absent = tmp_path / "absent.meshmash.json"
-    other = Session(mesh_path=str(tmp_path / "absent.ply"), target={"kind": "count", "value": 9})
+    other = Session(mesh_path=str(tmp_path / "absent.ply"), target=Target("count", 9))
     write_session(absent, other)
     before = document.ready
     window.opening.open_path(absent)

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
+from faults import raises
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
@@ -90,51 +90,75 @@ def test_an_end_that_is_not_said_is_in_order(part: dict[str, object]) -> None:
 @pytest.mark.parametrize(
     ("entry", "value", "clause"),
     [
-        ("kind", "x", 'display.kind = "x", which should be "eigenfunction" or'),
+        ("kind", "x", "display.kind (Invalid enum value 'x')"),
         ("kind", ["hks"], "display.kind"),
         ("nodal_lines", None, "display.nodal_lines"),
-        ("sequential_colormap", "nonsense", "display.sequential_colormap = .*colour map"),
+        ("sequential_colormap", "nonsense", "display.sequential_colormap (Invalid enum"),
         ("diverging_colormap", None, "display.diverging_colormap"),
         ("log_scales", {"hks": "yes"}, "display.log_scales.hks"),
         ("policies", {"hks": {"policy": "Nobody"}}, "display.policies.hks.policy"),
-        ("policies", {"hks": {"low": 1.0, "high": 2.0}}, "display.policies.hks = .* with policy"),
-        ("policies", {"hks": {"policy": "LockedLimits"}}, "display.policies.hks = .* with low"),
-        ("policies", {"hks": {"policy": "LockedLimits", "low": 2, "high": 1}}, "low below high"),
-        ("policies", {"hks": {"policy": "LockedLimits", "low": "a", "high": 1}}, "hks.low"),
-        ("policies", {"hks": {"policy": "PercentileLimits", "low": 1, "high": 101}}, "0 to 100"),
-        ("policies", {"hks": 3}, "display.policies.hks = 3"),
-        ("policies", 3, "display.policies = 3"),
-        ("cut", {"normal": [1.0, 0.0]}, "display.cut.normal = .* 3 values"),
+        (
+            "policies",
+            {"hks": {"low": 1.0, "high": 2.0}},
+            "missing required field `policy`",
+        ),
+        (
+            "policies",
+            {"hks": {"policy": "LockedLimits"}},
+            "missing required field `low`",
+        ),
+        (
+            "policies",
+            {"hks": {"policy": "LockedLimits", "low": 2, "high": 1}},
+            "hks.low (2 is not below 1)",
+        ),
+        (
+            "policies",
+            {"hks": {"policy": "LockedLimits", "low": "a", "high": 1}},
+            "hks.low (Expected",
+        ),
+        (
+            "policies",
+            {"hks": {"policy": "PercentileLimits", "low": 1, "high": 101}},
+            ".high (",
+        ),
+        ("policies", {"hks": 3}, "display.policies.hks (Expected `object`, got `int`)"),
+        ("policies", 3, "display.policies (Expected `object`, got `int`)"),
+        ("cut", {"normal": [1.0, 0.0]}, "display.cut.normal (Expected `array` of length 3, got 2)"),
     ],
 )
 def test_every_bad_entry_is_named(entry: str, value: object, clause: str) -> None:
     content = CONTENT | {entry: value}
-    with pytest.raises(InputError, match=clause) as told:
+    with raises("invalid-entry", clause):
         read_display(content, PATH)
-    assert str(told.value).startswith("now.meshmash.json has display")
 
 
 @pytest.mark.parametrize(
     ("family", "entry", "value", "clause"),
     [
-        ("eigenfunction", "index", "x", 'index = "x", which should be a whole number'),
-        ("eigenfunction", "index", -1, "display.fields.eigenfunction.index = -1"),
+        ("eigenfunction", "index", "x", "index (Expected `int`, got `str`)"),
+        ("eigenfunction", "index", -1, "display.fields.eigenfunction.index (Expected `int` >= 0)"),
         ("eigenfunction", "index", 2**31, "display.fields.eigenfunction.index"),
-        ("eigenfunction", "flipped", [1, "x"], r"display.fields.eigenfunction.flipped\[1\]"),
-        ("hks", "scales", 0, "display.fields.hks.scales = 0, .* from 1 to 1024"),
-        ("hks", "scales", 10**9, "display.fields.hks.scales = 1000000000, .* from 1 to 1024"),
-        ("hks", "time", "abc", 'hks.time = "abc", which should be null or a number'),
-        ("hks", "time", -1, "display.fields.hks.time = -1"),
-        ("hks", "time", float("inf"), "display.fields.hks.time = Infinity"),
-        ("hks", "automatic", 1, "hks.automatic = 1, which should be true or false"),
-        ("hks", "t_min", 3e5, "t_min below t_max"),
-        ("band", "index", 512, "display.fields.band.index = 512"),
+        ("eigenfunction", "flipped", [1, "x"], "display.fields.eigenfunction.flipped[1]"),
+        ("hks", "scales", 0, "display.fields.hks.scales (Expected `int` >= 1)"),
+        ("hks", "scales", 10**9, "display.fields.hks.scales (Expected `int` <= 1024)"),
+        ("hks", "time", "abc", "hks.time (Expected `float | null`, got `str`)"),
+        ("hks", "time", -1, "display.fields.hks.time (Expected `float` >= "),
+        ("hks", "time", float("inf"), "display.fields.hks.time (Expected `float` <= "),
+        ("hks", "automatic", 1, "hks.automatic (Expected `bool`, got `int`)"),
+        ("hks", "t_min", 3e5, "display.fields.hks.t_min (300000 is not below 200000)"),
+        ("band", "index", 512, "display.fields.band.index (Expected `int` <= 511)"),
         ("band", "low", -0.5, "display.fields.band.low"),
-        ("band", "count", 10**7, "display.fields.band.count = .* from 1 to 512"),
+        ("band", "count", 10**7, "display.fields.band.count (Expected `int` <= 512)"),
         ("similarity", "vertex", "x", "display.fields.similarity.vertex"),
         ("similarity", "basis", None, "display.fields.similarity.basis"),
-        ("similarity", "basis", "x", 'display.fields.similarity.basis = "x"'),
-        ("similarity", "vertex", 0.5, "display.fields.similarity.vertex = 0.5"),
+        ("similarity", "basis", "x", "display.fields.similarity.basis (Invalid enum value 'x')"),
+        (
+            "similarity",
+            "vertex",
+            0.5,
+            "vertex (Expected `int | null`, got `float`)",
+        ),
     ],
 )
 def test_every_bad_parameter_is_named(family: str, entry: str, value: object, clause: str) -> None:
@@ -142,7 +166,7 @@ def test_every_bad_parameter_is_named(family: str, entry: str, value: object, cl
     display.put(HeatKernelSignature(t_min=1.0, t_max=2e5))
     content = display_to_json(display)
     content["fields"][family][entry] = value
-    with pytest.raises(InputError, match=clause):
+    with raises("invalid-entry", clause):
         read_display(content, PATH)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from msgspec.inspect import BoolType, IntType
 from PySide6.QtCore import QObject, Qt, QTimer
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -27,7 +28,7 @@ from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.app.tabs.parameters import RangeBox
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family, Reading
-from meshmash_viewer.fields.parameter import Choice, Flag, Number, Parameter, Whole
+from meshmash_viewer.fields.parameter import Parameter
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, advance
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -132,11 +133,11 @@ class FamilyTab(QWidget):
 
     def _make_count_row(self, text: str, tip: str) -> QHBoxLayout:
         counted = self.family.counted
-        kind = self.family.declared()[counted].kind
-        assert isinstance(kind, Whole)
+        kind = self.family.declared()[counted].info
+        assert isinstance(kind, IntType)
         name = f"{self.family.name}_{counted}_spin"
         self.count_spin = make.spin(
-            name, text, self._set_count, tip=tip, minimum=1, maximum=kind.most
+            name, text, self._set_count, tip=tip, minimum=1, maximum=kind.le
         )
         return row(make.muted(text), None, self.count_spin, spacing=6)
 
@@ -186,23 +187,23 @@ class ParameterRow(QWidget):
 
     def __init__(self, name: str, declared: Parameter, take: Callable[[Any], None]) -> None:
         super().__init__()
-        self._declared, kind, text = declared, declared.kind, declared.text
+        kind: Any = declared.info
+        self._declared, text = declared, declared.text
         self.control: QWidget
         self.unit = make.muted()
-        if isinstance(kind, Flag):
+        if isinstance(kind, BoolType):
             self.control = make.check(text, f"{name}_check", text, take, tip=declared.tip)
             self.setLayout(row(self.control, None))
             return
-        if isinstance(kind, Whole):
-            ends = {"minimum": kind.least, "maximum": kind.most}
+        if isinstance(kind, IntType):
+            ends = {"minimum": kind.ge, "maximum": kind.le}
             self.control = make.spin(f"{name}_spin", text, take, tip=declared.tip, **ends)
-        elif isinstance(kind, Choice):
-            labels = {key: str(label) for key, label in kind.labels.items()}
+        elif declared.labels is not None:
+            labels = {key: str(label) for key, label in declared.labels.items()}
             self.control = make.combo(f"{name}_combo", text, take, labels, tip=declared.tip)
         else:
-            assert isinstance(kind, Number), "other kinds have their own tabs"
             self.control = NumberField(f"{name}_field", text)
-            self.control.bounds = kind.least, kind.most
+            self.control.bounds = kind.ge, kind.le
             self.control.setToolTip(declared.tip)
             self.control.edited.connect(take)
         self.setLayout(row(make.muted(text), None, self.control, self.unit, spacing=6))
@@ -231,7 +232,7 @@ class FamilyForm(FamilyTab):
         counted = family.declared()[family.counted]
         (self.position,) = family.position
         #: Whether the position is an index, not a number in log scale.
-        self.stepped = isinstance(family.declared()[self.position].kind, Whole)
+        self.stepped = isinstance(family.declared()[self.position].info, IntType)
         name = family.name if self.stepped else f"{family.name}_{self.position}"
         shown = {self.position, family.counted, "automatic", *(family.ordered or ())}
         self.rows = {
