@@ -52,14 +52,10 @@ class PinCommands:
         self._document, self._settings = opening.document, opening.settings
         self._actions, self._background_io = actions, background_io
         self._panel: ProfilePanel | None = None
-        self._dragging = False
 
     def connect(self, scene: MeshView, panel: ProfilePanel) -> None:
         """Connect the render and the table of pins, once loaded."""
         self._panel = panel
-        scene.movable_pins = True
-        scene.pin_dragged.connect(self.drag)
-        scene.pin_dropped.connect(self.drop)
         scene.menu_requested.connect(self.show_menu)
         panel.pin_pointed.connect(scene.point_at)
         panel.pin_activated.connect(self.fly_to)
@@ -180,22 +176,10 @@ class PinCommands:
 
     # -- one pin ------------------------------------------------------------------------------
 
-    def drag(self, vertex: int, to: int) -> None:
-        """Move a pin to another vertex; all moves until `drop` are one undo step."""
-        if not self._dragging:
-            self._dragging = True
-            self._document.history.record("move of a pin", "pins")
-        with self._document.history.paused():
-            self._document.pins.change("move of a pin", vertex, vertex=to)
-
-    def drop(self) -> None:
-        """End the undo step that `drag` began."""
-        self._dragging = False
-        self._document.history.changed.emit()
-
-    def rename(self, vertex: int, name: str) -> None:
+    def rename(self, vertex: int, name: str, document: Document | None = None) -> None:
         """Rename the pin of a vertex; if the name is taken, append a number and show a message."""
-        document, pin = self._document, pin_at(self._document.pins.placed, vertex)
+        document = document or self._document
+        pin = pin_at(document.pins.placed, vertex)
         if pin is None:
             return
         wanted = distinct_name(name, ())
@@ -205,32 +189,25 @@ class PinCommands:
             if name != wanted:
                 document.notices.say(f"There is a pin called {wanted} already: this one is {name}.")
 
-    def ask_for_name(self, vertex: int) -> None:
-        pin = pin_at(self._document.pins.placed, vertex)
+    def ask_for_name(self, document: Document, vertex: int) -> None:
+        pin = pin_at(document.pins.placed, vertex)
         if pin is None:
             return
         dialog = theme.named(QInputDialog(self._window), "rename_dialog", "Name of the pin")
         dialog.setWindowTitle("Rename pin")
-        dialog.setLabelText(
-            f"Name of the pin of {self._document.named_vertex(vertex)}; empty for none"
-        )
+        dialog.setLabelText(f"Name of the pin of {document.named_vertex(vertex)}; empty for none")
         dialog.setTextValue(pin.name)
-        ask(dialog, lambda: self.rename(vertex, dialog.textValue()))
+        ask(dialog, lambda: self.rename(vertex, dialog.textValue(), document))
 
-    def ask_for_color(self, vertex: int) -> None:
-        pin = pin_at(self._document.pins.placed, vertex)
+    def ask_for_color(self, document: Document, vertex: int) -> None:
+        pin = pin_at(document.pins.placed, vertex)
         if pin is None:
             return
         dialog = theme.named(QColorDialog(QColor(pin.color), self._window), "color_dialog")
         dialog.setWindowTitle(f"Colour of {pin.title}")
         for at, color in enumerate(PIN_COLORS):
             dialog.setCustomColor(at, QColor(color))
-        ask(dialog, lambda: self._recolor(vertex, dialog.selectedColor()))
-
-    def _recolor(self, vertex: int, color: QColor) -> None:
-        if color.isValid():
-            name = color.name().upper()
-            self._document.pins.change("colour of a pin", vertex, own_color=name)
+        ask(dialog, lambda: _recolor(document, vertex, dialog.selectedColor()))
 
     # -- menus --------------------------------------------------------------------------------
 
@@ -244,8 +221,7 @@ class PinCommands:
             menu.addActions([self._actions[name] for name in elsewhere])
         else:
             field = None if controller is None else controller.field
-            toggle = document.pins.toggle
-            menu = self._vertex_menu(document, vertex, field, vertex, toggle, self.fly_to)
+            menu = self._vertex_menu(document, vertex, field, self.fly_to)
         _open(menu, place)
 
     def show_second_menu(self, second: SecondView, vertex: int, place: QPoint) -> None:
@@ -253,27 +229,20 @@ class PinCommands:
         document, field = second.document, second.controller.field
         if document.mesh is None or vertex < 0:
             return
-        pin = pin_at(document.pins.placed, vertex)
-        number = None if pin is None else pin.number
-        placed = self._document.pins.placed
-        first = next((each.vertex for each in placed if each.number == number), -1)
-        toggle, centre = second.pair.pin_second, second.scene.centre_on
-        _open(self._vertex_menu(document, vertex, field, first, toggle, centre), place)
+        _open(self._vertex_menu(document, vertex, field, second.scene.centre_on), place)
 
     def _vertex_menu(
         self,
         document: Document,
         vertex: int,
         field: Field | None,
-        first: int,
-        toggle: Callable[[int], object],
         centre: Callable[[int], object],
     ) -> QMenu:
         """Return the menu of a vertex, with entries for its pin and the displayed field, if any.
 
-        `first` is the vertex of the same pin on the first mesh. The ``objectName`` of an entry is
-        ``menu_<name>``.
+        The ``objectName`` of an entry is ``menu_<name>``.
         """
+        toggle = document.pins.toggle
         mesh, pin = document.mesh, pin_at(document.pins.placed, vertex)
         assert mesh is not None
         menu = theme.named(QMenu(self._window), "vertex_menu", "Menu of the vertex")
@@ -300,8 +269,8 @@ class PinCommands:
             menu.addAction(title).setEnabled(False)
             menu.addSeparator()
             add("unpin", f"Unpin {pin.title}", partial(toggle, vertex))
-            add("rename", "Rename…", partial(self.ask_for_name, first))
-            add("recolor", "Colour…", partial(self.ask_for_color, first))
+            add("rename", "Rename…", partial(self.ask_for_name, document, vertex))
+            add("recolor", "Colour…", partial(self.ask_for_color, document, vertex))
         add("centre", "Centre here", partial(centre, vertex))
         menu.addSeparator()
         if field is not None and len(field.values) == mesh.n_vertices:
@@ -312,6 +281,11 @@ class PinCommands:
             add_copy("voxels", "coordinates in voxels", format_position(place / mesh.voxel))
         add_copy("index", "index", str(mesh.file_index(vertex)))
         return menu
+
+
+def _recolor(document: Document, vertex: int, color: QColor) -> None:
+    if color.isValid():
+        document.pins.change("colour of a pin", vertex, own_color=color.name().upper())
 
 
 def _open(menu: QMenu, place: QPoint) -> None:

@@ -43,7 +43,7 @@ class SecondView(QWidget):
     def __init__(self, document: Document, scene: MeshView, controller: Controller) -> None:
         super().__init__()
         theme.named(self, "second_view", "Second mesh")
-        self.document = Document()
+        self.document = Document(document.history.of("second"))
         self.document.solve.seconds_rate = document.solve.seconds_rate
         self.scene = MeshView(self.document)
         theme.named(self.scene, "second_scene", "Render of the second mesh")
@@ -87,11 +87,8 @@ class SecondView(QWidget):
         listen(pair.changed, self._follow_cameras)
         receive(document.notices.shown, self._on_notice)
         follow(document.work.changed, self._on_job_changed)  # deferred, after the notice is shown
-        self.scene.vertex_clicked.connect(pair.pin_second)
-        self.scene.click_revoked.connect(pair.revoke_pin_second)
-        self.scene.movable_pins = True
-        self.scene.pin_dragged.connect(pair.drag_second)
-        self.scene.pin_dropped.connect(pair.drop_second)
+        self.scene.vertex_clicked.connect(document.pins.toggle)
+        self.scene.click_revoked.connect(document.history.revoke)
         self.scene.cut_handle.moved = pair.cut_second
         self.scene.stepped.connect(self._step)
         self.scene.camera_changed.connect(self._turned)

@@ -65,8 +65,13 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         second_repairs=list(second.repairs) if second is not None else [],
         second_part="" if other is None else _packed(other, other.referenced),
         links=sorted(pair.links) if pair is not None else [],
-        match=pair.match if pair is not None else {},
+        match={} if pair is None else {**pair.match, "pinned": _pinned(pair.second)},
     )
+
+
+def _pinned(document: Document) -> list[list[int]]:
+    mesh, pins = document.mesh, document.pins.placed
+    return [] if mesh is None else [[pin.number, mesh.file_index(pin.vertex)] for pin in pins]
 
 
 def _packed(mesh: Mesh, mask: Mask | None) -> str:
@@ -255,6 +260,10 @@ class Restoration:
         session = self.session
         if not session.second_path:
             return None
+        pinned = session.match.get("pinned", [])
+        known = (session.pin_numbers, session.pin_names, session.pin_colors)
+        about = {number: each for number, *each in zip(*known, strict=False)}
+        named = [about.get(number, ["", ""]) for number, _ in pinned]
         return Session(
             mesh_path=session.second_path,
             unit=session.second_unit,
@@ -264,6 +273,10 @@ class Restoration:
             repairs=session.second_repairs,
             part=session.second_part,
             operator=session.operator,
+            pins=[at for _, at in pinned],
+            pin_numbers=[number for number, _ in pinned],
+            pin_names=[name for name, _ in named],
+            pin_colors=[color for _, color in named],
             links=session.links,
             match=session.match,
         )

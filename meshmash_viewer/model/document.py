@@ -78,13 +78,13 @@ class Document(OpenMesh):
     parts. The methods of this class replace the mesh: they open files, repair, and change units.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, history: History | None = None) -> None:
         super().__init__()
         self.display = Display()
         self.notices = Notices()
         self.work = Work()
         #: Changes by the user: of mesh, pins, selection, signs, colours and limits.
-        self.history = History()
+        self.history = History() if history is None else history
         self.history.keep("mesh", lambda: self.maps.settled(), self._restore_mesh, self._is_ready)
         self._keep_display()
         self.pins = Pins(self, self.history)
@@ -266,7 +266,8 @@ class Document(OpenMesh):
     def undo_repair_steps(self) -> int:
         """Number of steps that `undo_repair` reverts; 0 without a repair."""
         labels = [step.label for step in reversed(self.history.past)]
-        return labels.index("repair") + 1 if "repair" in labels else 0
+        repair = self.history.label("repair")
+        return labels.index(repair) + 1 if repair in labels else 0
 
     @property
     def file_mesh(self) -> Mesh | None:
@@ -357,7 +358,7 @@ class Document(OpenMesh):
                 self._show(ready, ready.known)
             before = enumerate(ready.before)
             steps = (_Repaired(mesh, ready.repairs[:at]) for at, mesh in before)
-            self.history.start(*(Step("repair", {"mesh": each}) for each in steps))
+            self.history.start(*(("repair", {"mesh": each}) for each in steps))
             if ready.unasked:
                 text = f"Repaired as before: {listed_repairs(ready.repairs)}."
                 self._offer_undo(text)
@@ -402,7 +403,7 @@ class Document(OpenMesh):
         with self.history.paused():
             self._show(ready, ready.known, before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs change")
-        lost = 0 if self.pins.matched else n_pins - len(self.pins.placed)
+        lost = n_pins - len(self.pins.placed)
         if lost:
             where, them = ("a vertex", "it") if lost == 1 else ("vertices", "them")
             text = (

@@ -6,8 +6,8 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from psygnal import Signal
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _MAX_STEPS = 500
-#: Seconds within which changes with the same label are one step, as while a slider is dragged.
+#: Seconds within which changes with the same label are one step, as while the wheel is turned.
 _ONE_GESTURE = 0.7
 
 
@@ -27,7 +27,7 @@ class Step:
     label: str
     #: By name of a part: its value before the change, or after it once the change is undone.
     state: Mapping[str, Any]
-    #: Time of the change, from `time.monotonic`.
+    #: Time of the change, from `time.monotonic`; infinite during a gesture that `hold` began.
     when: float = 0.0
 
 
@@ -41,23 +41,42 @@ class _Part:
     alongside: str
 
 
-class History:
-    """Changes that can be undone and redone.
+@dataclass(eq=False)
+class _Window:
+    """Parts of the state of a window, by "mesh/part", and the steps that changed them."""
 
-    The state consists of named parts, which `keep` declares.
+    changed: ClassVar[Signal] = Signal()
+
+    parts: dict[str, _Part] = field(default_factory=dict)
+    past: tuple[Step, ...] = ()
+    future: tuple[Step, ...] = ()
+    #: The steps that could be redone before the last change, for `revoke`.
+    future_before: tuple[Step, ...] = ()
+    paused: bool = False
+    held: bool = False
+    #: Label of the step that `together` makes, and whether the step has begun.
+    joined: str = ""
+    begun: bool = False
+
+
+class History:
+    """Changes in a window that can be undone and redone, seen from one of its meshes.
+
+    The state consists of named parts, which `keep` declares. The steps of all meshes of the window
+    are in one order: `undo` reverts the last one, of whichever mesh.
     """
 
-    changed = Signal()
-    #: Emitted after all changes were removed because another mesh was opened.
+    #: Emitted after all changes of this mesh were removed because another mesh was opened.
     started = Signal()
 
-    def __init__(self) -> None:
-        self._parts: dict[str, _Part] = {}
-        self.past: tuple[Step, ...] = ()
-        self.future: tuple[Step, ...] = ()
-        #: The steps that could be redone before the last change, for `revoke`.
-        self._future_before: tuple[Step, ...] = ()
-        self._paused = False
+    def __init__(self, mesh: str = "first", *, of: History | None = None) -> None:
+        self._mesh = mesh
+        self._window: _Window = _Window() if of is None else of._window
+        self.changed = self._window.changed
+
+    def of(self, mesh: str) -> History:
+        """Return the history of the same window for another mesh, such as "second"."""
+        return History(mesh, of=self)
 
     def keep(
         self,
@@ -74,18 +93,48 @@ class History:
         must be computed first, starts the computation, and arranges another call of `undo`. With
         `alongside`, the part is recorded with the part of that name, and restored after it.
         """
-        self._parts[part] = _Part(read, restore, is_ready, alongside)
+        also = alongside and self._named(alongside)
+        self._window.parts[self._named(part)] = _Part(read, restore, is_ready, also)
 
-    def forget(self, *parts: str) -> None:
-        """Remove parts of the state, and steps that changed no other parts."""
-        self._parts = {name: part for name, part in self._parts.items() if name not in parts}
-        self._change_states(lambda state: {at: state[at] for at in state if at not in parts})
+    def _named(self, part: str) -> str:
+        return f"{self._mesh}/{part}"
+
+    def _state(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        return {self._named(part): value for part, value in state.items()}
+
+    def label(self, change: str) -> str:
+        """Return the label of a change of this mesh."""
+        return change if self._mesh == "first" else f"{change} of the {self._mesh} mesh"
+
+    def close(self) -> None:
+        """Remove all parts of this mesh, and the steps that changed no others."""
+        window, mine = self._window, self._named("")
+        window.parts = {at: window.parts[at] for at in window.parts if not at.startswith(mine)}
+        self._forget()
         self.changed.emit()
 
+    def _forget(self) -> None:
+        mine = self._named("")
+        self._change_states(
+            lambda state: {at: state[at] for at in state if not at.startswith(mine)}
+        )
+
     def read(self, parts: Iterable[str] | None = None) -> dict[str, Any]:
-        """Return the values of some parts of the state, by default of all parts."""
-        names = self._parts if parts is None else parts
-        return {part: self._parts[part].read() for part in names}
+        """Return the values of some parts of this mesh, by default of all."""
+        mine, known = self._named(""), self._window.parts
+        if parts is None:
+            parts = [at.removeprefix(mine) for at in known if at.startswith(mine)]
+        return {part: known[self._named(part)].read() for part in parts}
+
+    @property
+    def past(self) -> tuple[Step, ...]:
+        """The steps that can be undone, the last one first to be undone."""
+        return self._window.past
+
+    @property
+    def future(self) -> tuple[Step, ...]:
+        """The steps that can be redone, the last one first to be redone."""
+        return self._window.future
 
     @property
     def undo_label(self) -> str:
@@ -99,94 +148,129 @@ class History:
 
     def record(self, label: str, *parts: str, before: Mapping[str, Any] | None = None) -> None:
         """Record a change of some parts; call before the change, or pass the values `before` it."""
-        if self._paused:
+        window = self._window
+        if window.paused:
             return
-        alongside = (name for name, each in self._parts.items() if each.alongside in parts)
-        state = dict(before or {}) | self.read((*parts, *alongside))
-        now = time.monotonic()
-        last = self.past[-1] if self.past else None
+        names = [self._named(part) for part in parts]
+        names += [at for at, each in window.parts.items() if each.alongside in names]
+        state = self._state(before or {}) | {at: window.parts[at].read() for at in names}
+        last, now = window.past[-1] if window.past else None, time.monotonic()
+        if window.joined and window.begun and last is not None:
+            window.past = (*window.past[:-1], replace(last, state=state | dict(last.state)))
+            self.changed.emit()
+            return
+        label, window.begun = window.joined or self.label(label), True
+        when = math.inf if window.held and before is not None else now
         if (
             last is not None
             and before is not None
             and (last.label, last.state.keys()) == (label, state.keys())
             and now - last.when < _ONE_GESTURE
         ):
-            self.past = (*self.past[:-1], replace(last, when=now))
+            window.past = (*window.past[:-1], replace(last, when=when))
         else:
-            self.past = (*self.past, Step(label, state, now))[-_MAX_STEPS:]
-        self._future_before, self.future = self.future, ()
+            window.past = (*window.past, Step(label, state, when))[-_MAX_STEPS:]
+        window.future_before, window.future = window.future, ()
         self.changed.emit()
+
+    @contextmanager
+    def together(self, label: str) -> Iterator[None]:
+        """Record all changes within the context, of any mesh, as one step."""
+        window = self._window
+        if window.joined:
+            yield
+            return
+        window.joined, window.begun = self.label(label), False
+        try:
+            yield
+        finally:
+            window.joined = ""
+
+    def hold(self) -> None:
+        """Make equal changes one step, however slowly they follow, until `end_gesture`."""
+        self._window.held = True
 
     def end_gesture(self) -> None:
         """Make the next change a separate step, however soon it follows."""
-        if self.past:
-            self.past = (*self.past[:-1], replace(self.past[-1], when=-math.inf))
+        window, past = self._window, self.past
+        window.held = False
+        if past:
+            window.past = (*past[:-1], replace(past[-1], when=-math.inf))
 
-    def start(self, *steps: Step) -> None:
-        """Remove all changes; `steps` become the changes that can be undone."""
-        self.past, self.future, self._future_before = steps, (), ()
+    def start(self, *steps: tuple[str, Mapping[str, Any]]) -> None:
+        """Remove all changes of this mesh, and add labels and states of changes to undo."""
+        self._forget()
+        made = (Step(self.label(label), self._state(state)) for label, state in steps)
+        self._window.past = (*self.past, *made)
         self.started.emit()
         self.changed.emit()
 
     def complete(self, step: Step, state: Mapping[str, Any]) -> bool:
         """Set the state that undoing a step restores; return whether the step is the last one."""
         last = self.past[-1:] == (step,)
-        done = replace(step, state=state)
-        self.past = tuple(done if each is step else each for each in self.past)
+        done = replace(step, state=self._state(state))
+        self._window.past = tuple(done if each is step else each for each in self.past)
         return last
 
     def amend(self, part: str, changed: Callable[[Any], Any]) -> None:
         """Replace the value of a part by ``changed(value)`` in all steps."""
+        name = self._named(part)
         self._change_states(
-            lambda state: {at: changed(state[at]) if at == part else state[at] for at in state}
+            lambda state: {at: changed(state[at]) if at == name else state[at] for at in state}
         )
 
     def _change_states(self, changed: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> None:
         """Change the values that steps restore; steps that are left without values are removed."""
-        for name in ("past", "future", "_future_before"):
-            steps = (replace(step, state=changed(step.state)) for step in getattr(self, name))
-            setattr(self, name, tuple(step for step in steps if step.state))
+        window = self._window
+        for name in ("past", "future", "future_before"):
+            steps = (replace(step, state=changed(step.state)) for step in getattr(window, name))
+            setattr(window, name, tuple(step for step in steps if step.state))
 
     @property
     def is_paused(self) -> bool:
         """Whether nothing is recorded."""
-        return self._paused
+        return self._window.paused
 
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Record nothing within the context."""
-        before, self._paused = self._paused, True
+        window = self._window
+        before, window.paused = window.paused, True
         try:
             yield
         finally:
-            self._paused = before
+            window.paused = before
 
     def undo(self) -> None:
         """Revert the last change, or request the values missing for it (`is_ready` of `keep`)."""
-        if self.past:
-            step = self.past[-1]
-            if not all(self._parts[part].is_ready(value) for part, value in step.state.items()):
+        window = self._window
+        if window.past:
+            step = window.past[-1]
+            if not all(window.parts[at].is_ready(value) for at, value in step.state.items()):
                 return
-            self.past, self.future = self.past[:-1], (*self.future, self._cross(step))
+            window.past, window.future = window.past[:-1], (*window.future, self._cross(step))
             self.changed.emit()
 
     def redo(self) -> None:
         """Repeat the change that was undone last."""
-        if self.future:
-            step = self.future[-1]
-            self.past, self.future = (*self.past, self._cross(step)), self.future[:-1]
+        window = self._window
+        if window.future:
+            step = window.future[-1]
+            window.past, window.future = (*window.past, self._cross(step)), window.future[:-1]
             self.changed.emit()
 
     def revoke(self) -> None:
         """Revert the last change and remove it, so that it cannot be redone."""
         self.undo()
-        self.future = self._future_before
+        self._window.future = self._window.future_before
         self.changed.emit()
 
     def _cross(self, step: Step) -> Step:
         """Restore the values of a step, and return the opposite step."""
-        here = self.read(step.state)
+        parts = self._window.parts
+        here = {at: parts[at].read() for at in step.state}
         with self.paused():
-            for part, value in step.state.items():
-                self._parts[part].restore(value)
+            # in the order of declaration: the mesh before what is on it
+            for at in sorted(step.state, key=list(parts).index):
+                parts[at].restore(step.state[at])
         return Step(step.label, here)

@@ -200,9 +200,10 @@ class Maps:
         renamed = (
             replace(each, name=given, path="") if each.name == name else each for each in mesh.maps
         )
-        self._history.record("name of a map", "mesh", "policies", "log_scales")
-        self._take(mesh.with_only_maps(*renamed))
-        self.renamed.emit(name, given)
+        with self._history.together("name of a map"):
+            self._history.record("name of a map", "mesh", "policies", "log_scales")
+            self._take(mesh.with_only_maps(*renamed))
+            self.renamed.emit(name, given)
         with self._history.paused():
             self._rename_choices(name, given)
         self._opened.spectrum_changed.emit()

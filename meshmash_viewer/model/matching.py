@@ -1,8 +1,7 @@
-"""Two meshes whose vertices and eigenfunctions are matched, with pins at matched vertices."""
+"""Two meshes whose vertices and eigenfunctions are matched."""
 
 from __future__ import annotations
 
-import contextlib
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,8 +27,6 @@ from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.history import Step
-from meshmash_viewer.model.pins import Pin, pin_at
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
@@ -96,7 +93,7 @@ class ComparisonRequest:
 
 
 class MatchedDocuments:
-    """Two documents with a match of their vertices, and pins of the second at matched vertices.
+    """Two documents with a match of their vertices, whose landmarks are pins of both.
 
     Views connect to `changed`. `comparison_requested` is emitted with a `ComparisonRequest`; the
     receiver calls `accept` or `give_up`.
@@ -119,12 +116,6 @@ class MatchedDocuments:
         self._answered: ComparisonRequest | None = None
         #: At the last solve of the second: eigenvectors of the first mesh, faces of the second.
         self._asked: tuple[Any, Any] = None, None
-        #: By pin number: the vertex pinned by the user on the second mesh, as an index in its file.
-        self._pinned: dict[int, int] = {}
-        #: The history of the first mesh before the last vertex was pinned on the second.
-        self._before: tuple[Step, ...] = ()
-        self._dragging = False
-        second.pins.matched = True
 
     def _apply_display(self, *, everything: bool = False) -> None:
         """Copy the display of the first mesh to the second."""
@@ -138,12 +129,11 @@ class MatchedDocuments:
 
     @property
     def match(self) -> dict[str, Any]:
-        """Options of the match and pins of the second mesh, as a session stores them."""
+        """Options of the match, as a session stores them."""
         return {
             "feature": self.matched_in,
             "refined": self.refined,
             "carried": self.carries,
-            "pinned": [list(each) for each in self._pinned.items()],
         }
 
     @match.setter
@@ -152,7 +142,6 @@ class MatchedDocuments:
             self.matched_in = stored["feature"]
         self.refined = stored.get("refined", False)
         self.carries = stored.get("carried", False)
-        self._pinned = dict(stored.get("pinned", ()))
         self._follow_spectra()
 
     @property
@@ -187,7 +176,6 @@ class MatchedDocuments:
                 self.second.spectrum = replace(spectrum, alignment=rotations)
                 self.second.spectrum_changed.emit()
             self._apply_display(everything=True)
-            self._follow_pins()
             self.changed.emit()
 
     def give_up(self, request: ComparisonRequest) -> None:
@@ -263,7 +251,6 @@ class MatchedDocuments:
             if request is not None:
                 self.comparison_requested.emit(request)
         self._apply_display(everything=True)
-        self._follow_pins()
         self.changed.emit()
 
     def _decompose_second(self) -> None:
@@ -286,81 +273,14 @@ class MatchedDocuments:
 
     @property
     def landmarks(self) -> tuple[tuple[int, int], ...]:
-        """Vertex of the first and of the second mesh for each pin that the user set on both."""
-        mine = {pin.number: pin.vertex for pin in self.first.pins.placed}
+        """Vertex of the first and of the second mesh for each pin of the same number on both."""
+        there = {pin.number: pin.vertex for pin in self.second.pins.placed}
         return tuple(
-            (mine[pin.number], pin.vertex)
-            for pin in self.second.pins.placed
-            if pin.number in self._pinned and pin.number in mine
+            (pin.vertex, there[pin.number]) for pin in self.first.pins.placed if pin.number in there
         )
 
-    def pin_second(self, vertex: int) -> None:
-        """Pin a vertex of the second mesh and its best match, or remove both pins.
-
-        Without a match, the vertex corresponds to the first pin that the second mesh lacks.
-        """
-        history, pins = self.first.history, self.first.pins
-        self._before = history.past
-        there = {pin.vertex: pin.number for pin in self.second.pins.placed}
-        known = self.carried_from
-        match = -1 if known is None else int(known.back.indices[vertex])
-        free = [each for each in pins.placed if each.number not in there.values()]
-        if match < 0 and free:  # landmarks of a match in doubt are set one by one
-            match = free[0].vertex
-        if vertex in there:
-            pins.toggle(next(p.vertex for p in pins.placed if p.number == there[vertex]))
-        elif match >= 0:
-            mine = {pin.vertex: pin.number for pin in pins.placed}
-            number = mine.get(match) or 1 + max(mine.values(), default=0)
-            assert self.second.mesh is not None
-            history.record("pin", "pins")
-            with history.paused():
-                self._pinned[number] = self.second.mesh.file_index(vertex)
-                if match in mine:
-                    self._follow_first_pins()
-                else:
-                    pins.toggle(match, number)
-
-    def revoke_pin_second(self) -> None:
-        """Revert the last `pin_second`, unless another change was recorded after it."""
-        past = self.first.history.past
-        if past and past[:-1] == self._before:
-            self.first.history.revoke()
-
-    def drag_second(self, vertex: int, to: int) -> None:
-        """Move a pin of the second mesh; all moves until `drop_second` are one change."""
-        pin, mesh = pin_at(self.second.pins.placed, vertex), self.second.mesh
-        if pin is not None and mesh is not None:
-            if not self._dragging:
-                self._dragging = True
-                self.first.history.record("move of a pin", "second pins")
-            self._pinned[pin.number] = mesh.file_index(to)
-            self._follow_pins()
-
-    def drop_second(self) -> None:
-        """End the change that `drag_second` began, and repeat the match with the new landmark."""
-        self._dragging = False
-        self._follow_first_pins()
-
-    def _follow_first_pins(self) -> None:
-        self._follow_pins()
-        if self.refined:
-            self._follow_spectra()  # the landmarks have changed
-
     def _follow_pins(self) -> None:
-        """Pin the best match of each pin of the first mesh on the second, under the same number."""
-        numbers = {pin.number for pin in self.first.pins.placed}
-        self._pinned = {number: at for number, at in self._pinned.items() if number in numbers}
-        found = ((pin, self._place_of(pin)) for pin in self.first.pins.placed)
-        pins = tuple(replace(pin, vertex=at) for pin, at in found if at is not None)
-        if pins != self.second.pins.placed:
-            self.second.pins.put(pins)
-            self.changed.emit()
-
-    def _place_of(self, pin: Pin) -> int | None:
-        """Return the vertex of the second mesh for a pin: set by the user, or the best match."""
-        index, mesh = self._pinned.get(pin.number), self.second.mesh
-        if index is not None and mesh is not None:
-            with contextlib.suppress(InputError):  # a repair removed the vertex
-                return mesh.vertex_of(index)
-        return self.correspondence.vertex(pin.vertex)
+        """Repeat a refined match with other landmarks, once a pin is no longer dragged."""
+        if self.refined and not (self.first.pins.dragging or self.second.pins.dragging):
+            self._follow_spectra()
+        self.changed.emit()

@@ -49,23 +49,20 @@ class Pair(MatchedDocuments):
         #: By name: the family of the first mesh that was last applied to the second, before and
         #: after `Family.filled_in`.
         self._applied: dict[str, tuple[Family, Family]] = {}
-        #: The steps of the second mesh that are recorded in the history of the first.
-        self._second_past = second.history.past
-        self._keep_second()
+        first.pins.partner, second.pins.partner = second.pins, first.pins
         events = first.display.events
         self._connections = [
             *(
                 (getattr(events, name), self._apply_display)
                 for name in chain(("fields", "cut"), *_LINKED.values())
             ),
-            (first.pins.changed, self._follow_first_pins),
+            (first.pins.changed, self._follow_pins),
+            (second.pins.changed, self._follow_pins),
             (first.spectrum_changed, self._follow_spectra),
             (second.spectrum_changed, self._follow_spectra),
             (second.mesh_changed, self._follow_mesh),
             (second.work.changed, self._follow_job),
             (second.display.events.kind, self._follow_second),
-            (second.history.changed, self._record_second),
-            (second.history.started, self._keep_second),
             (first.maps.renamed, self._rename_carried),
         ]
         for signal, slot in self._connections:
@@ -73,39 +70,11 @@ class Pair(MatchedDocuments):
         self.set_links(None)
 
     def close(self) -> None:
-        """Disconnect from both documents."""
+        """Disconnect from both documents, and remove the second from the history."""
         for signal, slot in self._connections:
             signal.disconnect(slot)
-        self.first.history.forget("second pins", "second mesh")
-
-    # -- history ------------------------------------------------------------------------------
-
-    def _keep_second(self) -> None:
-        """Declare pins and changes of the second mesh as parts of the history of the first."""
-        history, self._second_past = self.first.history, self.second.history.past
-        history.forget("second mesh")
-        history.keep("second mesh", lambda: len(self._second_past), self._restore_second)
-        history.keep("second pins", lambda: self._pinned.copy(), self._put_pinned, alongside="pins")
-
-    def _put_pinned(self, pinned: dict[int, int]) -> None:
-        self._pinned = dict(pinned)
-        self._follow_first_pins()
-
-    def _record_second(self) -> None:
-        """Record a change or an undo of the second mesh in the history of the first."""
-        past, known = self.second.history.past, self._second_past
-        self._second_past = past
-        changes = past[len(known) :] or known[len(past) :]
-        if changes:
-            label = f"{changes[0].label} of the second mesh"
-            self.first.history.record(label, before={"second mesh": len(known)})
-
-    def _restore_second(self, steps: int) -> None:
-        """Undo or redo changes of the second mesh until its history has `steps` past steps."""
-        history, before = self.second.history, -1
-        while len(history.past) not in (steps, before):  # an undo may wait for a mesh
-            before = len(history.past)
-            (history.undo if before > steps else history.redo)()
+        self.first.pins.partner = self.second.pins.partner = None
+        self.second.history.close()
 
     # -- choices ------------------------------------------------------------------------------
 
@@ -201,12 +170,9 @@ class Pair(MatchedDocuments):
             for each in self.carried
         ):
             return
-        history, before = self.first.history, len(self._second_past)
-        with history.paused():
-            self.second.maps.rename(name, given)
+        self.second.maps.rename(name, given)
         assert self.second.mesh is not None
         self.carried += (self.second.mesh.maps[mesh.maps.index(known)] if copied else renamed,)
-        history.complete(history.past[-1], {**history.past[-1].state, "second mesh": before})
 
     def shown_field(self, first: Field, second: Field) -> tuple[Field, Limits] | None:
         """Return the field to show on the second mesh, and colour limits for both fields.
@@ -243,7 +209,7 @@ class Pair(MatchedDocuments):
     def _apply_display(self, *, everything: bool = False) -> None:
         """Copy changed, linked attributes of the display of the first mesh to the second."""
         mine, other, known = self.first.display, self.second.display, self.first.known
-        with self.second.history.paused():  # recorded in the history of the first
+        with self.second.history.paused():  # a change of the first mesh
             other.cut = self._other_side(mine.cut)
             if known is None:
                 return

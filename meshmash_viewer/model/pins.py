@@ -65,8 +65,10 @@ class Pins:
         self._opened, self._history = opened, history
         #: The pins in the order in which they were placed.
         self.placed: tuple[Pin, ...] = ()
-        #: Whether the pins are matches of pins on another mesh, matched again after a repair.
-        self.matched = False
+        #: The pins of the mesh that this one is compared with; equal numbers correspond.
+        self.partner: Pins | None = None
+        #: Whether a pin is being moved.
+        self.dragging = False
         history.keep("pins", lambda: self.placed, self.put)
 
     def put(self, pins: tuple[Pin, ...]) -> None:
@@ -80,15 +82,40 @@ class Pins:
         self.put(tuple(pins))
 
     def change(self, label: str, vertex: int, /, **attributes: Any) -> None:
-        """Change attributes of the pin of a vertex, if there is a pin, as one change."""
+        """Change name or colour of the pin of a vertex, if there is a pin, as one change.
+
+        The pin of this number on the other mesh of a comparison changes with it.
+        """
+        pin = pin_at(self.placed, vertex)
+        if pin is None:
+            return
+        with self._history.together(label):
+            for pins in filter(None, (self, self.partner)):
+                same = [replace(each, **attributes) if each.number == pin.number else each
+                        for each in pins.placed]  # fmt: skip
+                if same != list(pins.placed):
+                    pins.set(label, same)
+
+    def drag(self, vertex: int, to: int) -> None:
+        """Move a pin to another vertex; all moves until `drop` are one change."""
         if pin_at(self.placed, vertex) is not None:
-            of = (replace(p, **attributes) if p.vertex == vertex else p for p in self.placed)
-            self.set(label, of)
+            if not self.dragging:
+                self.dragging = True
+                self._history.record("move of a pin", "pins")
+            self.put(tuple(replace(p, vertex=to) if p.vertex == vertex else p for p in self.placed))
+
+    def drop(self) -> None:
+        """End the change that `drag` began."""
+        if self.dragging:
+            self.dragging = False
+            self.changed.emit()
+            self._history.changed.emit()
 
     def toggle(self, vertex: int, number: int = 0) -> None:
         """Pin a vertex under a number, by default the lowest free one, or remove its pin.
 
-        `IndexError` is raised if the mesh has no vertex of that index.
+        With a `partner`, the pin gets number, name and colour of its first pin that this mesh
+        lacks. `IndexError` is raised if the mesh has no vertex of that index.
         """
         mesh = self._opened.mesh
         if mesh is None or not 0 <= vertex < mesh.n_vertices:
@@ -97,7 +124,11 @@ class Pins:
         if len(left) < len(self.placed):
             self.set("removal of a pin", left)
         else:
-            self.set("pin", (*left, Pin(int(vertex), free_number(left, number))))
+            taken = {pin.number for pin in left}
+            others = () if self.partner is None or number else self.partner.placed
+            new = Pin(int(vertex), free_number(left, number))
+            found = next((pin for pin in others if pin.number not in taken), new)
+            self.set("pin", (*left, replace(found, vertex=int(vertex))))
 
     def clear(self) -> None:
         """Remove all pins."""

@@ -539,10 +539,9 @@ def test_pins_and_maps_of_the_second_mesh_are_there_again(
     qtbot.waitUntil(lambda: compared(window), timeout=PATIENCE)
     pair = window.opening.pair
     assert pair is not None
-    pair.pin_second(180)
-    pair.drag_second(180, 185)
-    pair.drop_second()
-    assert pair.best_matches(window.document.pins.placed[0].vertex)[0][0] == 180
+    pair.second.pins.toggle(180)
+    pair.second.pins.drag(180, 185)
+    pair.second.pins.drop()
     mesh = pair.second.mesh
     assert isinstance(mesh, Mesh)
     pair.second.maps.add(mesh, [VertexMap("height", mesh.vertices[:, 2], unit="nm")])

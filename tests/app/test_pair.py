@@ -501,17 +501,18 @@ def test_hemispheres_are_seen_from_the_same_side_of_the_brain(
 
 
 @pytest.mark.slow
-def test_a_right_click_on_the_second_pins_and_names_both(
+def test_a_right_click_on_the_second_pins_and_names_a_vertex(
     window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     second = beside(window, folder / "copy.npz", monkeypatch)
     wait_for(lambda: second.scene.can_pick)
     at, canvas = second.scene.rect().center(), second.scene.plotter
     QTest.mouseClick(canvas, LEFT, pos=at)
-    assert len(window.document.pins.placed) == len(second.document.pins.placed) == 1
+    assert len(second.document.pins.placed) == 1
     QTest.mouseDClick(canvas, LEFT, pos=at)  # the second press centres both views and unpins
     QTest.mouseRelease(canvas, LEFT, pos=at)
-    assert window.document.pins.placed == second.document.pins.placed == ()
+    assert second.document.pins.placed == ()
+    window.document.pins.toggle(3)
     assert window.document.history.redo_label == ""
 
     def choose(name: str) -> None:
@@ -535,7 +536,7 @@ def test_a_right_click_on_the_second_pins_and_names_both(
     choose("copy_index")
     assert QGuiApplication.clipboard().text() == str(vertex)
     choose("unpin")
-    assert window.document.pins.placed == ()
+    assert second.document.pins.placed == ()
 
 
 @pytest.mark.slow
@@ -733,7 +734,7 @@ def test_what_is_made_on_the_second_is_undone_and_redone_in_its_place(
     wait_for(lambda: second.scene.can_pick)
     at, canvas = second.scene.rect().center(), second.scene.plotter
     QTest.mouseClick(canvas, LEFT, pos=at)
-    (first,), (clicked,) = window.document.pins.placed, second.document.pins.placed
+    (clicked,) = second.document.pins.placed
     assert clicked.vertex == second.scene.vertex_at(at.x(), at.y())
     rest(window)
     at = second.scene.display_point(clicked.vertex)
@@ -744,7 +745,6 @@ def test_what_is_made_on_the_second_is_undone_and_redone_in_its_place(
     QTest.mouseRelease(canvas, LEFT, pos=at + QPoint(30, 15))
     (dragged,) = second.document.pins.placed
     assert dragged.vertex != clicked.vertex
-    assert window.document.pins.placed == (first,)
     before = len(second.document.mesh.maps)
     QTest.mouseClick(part(window, QPushButton, "pair_keep_button"), LEFT)
     rest(window)
@@ -767,7 +767,9 @@ def test_what_is_made_on_the_second_is_undone_and_redone_in_its_place(
         assert state() == expected
         catch_up()
     window.opening.end_comparison()
-    assert "second" not in "".join(step.label for step in window.document.history.past)
+    left = [part for step in window.document.history.past for part in step.state]
+    assert left
+    assert not any(part.startswith("second/") for part in left)
 
 
 def test_a_pin_has_its_match_and_colours_are_carried(
@@ -776,7 +778,6 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     opened = beside(window, folder / "copy.npz", monkeypatch)
     window.document.pins.toggle(100)
     catch_up()
-    assert [pin.vertex for pin in opened.document.pins.placed] == [PLACE[100]]
     assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
     assert text(window, "pair_next_label").count("vertex") == 3
     assert "of its WKS from that of pin 1" in text(window, "pair_match_note")

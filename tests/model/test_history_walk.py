@@ -92,7 +92,7 @@ class Walk:
         history, before = self.document.history, self.document.history.past
         ACTIONS[name](self)
         if history.past[-1:] != before[-1:]:
-            self.changed |= history.past[-1].state.keys()
+            self.changed |= {each.removeprefix("first/") for each in history.past[-1].state}
             del self.states[len(before) + 1 :]
             # a gesture adds no step, and some actions add several
             self.states += [None] * (len(history.past) - len(before))

@@ -40,10 +40,8 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 from meshmash_viewer.model.matching import MATCHED_IN, ComparisonRequest
-from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.open_mesh import MeshReady, PartReady
 from meshmash_viewer.model.pair import Pair
-from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
@@ -53,9 +51,9 @@ from meshmash_viewer.vertex_map import VertexMap
 COUNT = 60
 
 
-def opened(mesh: Mesh) -> Document:
-    """Return a document that decomposes its mesh at once on request."""
-    document = Document()
+def opened(mesh: Mesh, first: Document | None = None) -> Document:
+    """Return a document that decomposes its mesh at once; of the window of `first`, if given."""
+    document = Document(None if first is None else first.history.of("second"))
     document.work.requested.connect(lambda job: answer(document, job))
     document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
     return document
@@ -91,8 +89,8 @@ def meshes() -> tuple[Mesh, Mesh, np.ndarray]:
 
 @pytest.fixture
 def pair(meshes: tuple[Mesh, Mesh, np.ndarray]) -> Pair:
-    first, second = (opened(mesh) for mesh in meshes[:2])
-    pair = paired(first, second)
+    first = opened(meshes[0])
+    pair = paired(first, opened(meshes[1], first))
     first.solve.target = Target("count", COUNT)
     first.solve.compute()
     return pair
@@ -194,42 +192,44 @@ def test_what_is_cut_stays(pair: Pair) -> None:
     assert second.kind == "band"
 
 
-def test_a_pin_is_on_both_with_the_next_best(
+def test_a_pin_has_matches_and_corresponds_to_the_pin_of_its_number_on_the_other_mesh(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
 ) -> None:
-    place = meshes[2]
-    pair.first.pins.toggle(100)
-    (pin,) = pair.second.pins.placed
-    assert (pin.vertex, pin.number) == (place[100], 1)
+    place, first, second = meshes[2], pair.first.pins, pair.second.pins
+    first.toggle(100)
+    first.change("name of a pin", 100, name="soma")
     best, *others = pair.best_matches(100)
     assert best[0] == place[100]
     assert len(others) == 3
     scores = [best[1], *(score for _, score in others)]
     assert scores == sorted(scores)
     assert best[1] == pytest.approx(0.0, abs=1e-3)
-    pair.pin_second(int(place[7]))
-    assert [each.vertex for each in pair.first.pins.placed] == [100, 7]
-    pair.pin_second(int(place[7]))
-    assert [each.vertex for each in pair.first.pins.placed] == [100]
+    second.toggle(int(place[100]))
+    second.toggle(5)
+    assert [(each.number, each.name) for each in second.placed] == [(1, "soma"), (2, "")]
+    first.toggle(9)
+    assert pair.landmarks == ((100, place[100]), (9, 5))
+    second.change("name of a pin", 5, name="axon")
+    assert first.placed[1].name == "axon"
+    pair.first.history.undo()
+    assert {each.name for each in (*first.placed, *second.placed)} == {"soma", ""}
+    first.toggle(100)
+    assert pair.landmarks == ((9, 5),)
 
 
 def test_what_is_pinned_on_the_second_stays_there_through_its_repair() -> None:
     blob, debris = shapes.blob(3), shapes.icosphere(1)
     vertices = np.concatenate([debris.vertices * 1e-3 + blob.bounds[1], blob.vertices])
     pair = solved(blob, Mesh(vertices, np.concatenate([debris.faces, blob.faces + 42])))
-    pair.pin_second(60)
-    assert [pin.vertex for pin in pair.second.pins.placed] == [60]
     second, repair = pair.second, "keep_largest_component"
+    for vertex in (60, 5):  # the other is on debris, and restored by undo
+        second.pins.toggle(vertex)
     before = second.mesh
     assert before is not None
-    second.pins.put((*second.pins.placed, Pin(5, 2)))  # a match on debris, restored by undo
-    said: list[Notice | None] = []
-    second.notices.shown.connect(said.append)
     mesh = repair_mesh(before, repair)
     second.accept_mesh(
         MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals, repairs=(repair,), derived=True)
     )
-    assert not any(said)
     assert [mesh.file_index(pin.vertex) for pin in second.pins.placed] == [60]
     second.undo_repair()
     assert [pin.vertex for pin in second.pins.placed] == [60, 5]
@@ -256,7 +256,8 @@ def test_the_match_is_refined_with_pins_of_both_meshes_as_landmarks(
     assert np.mean(place[pair.comparison.back.indices] == np.arange(len(place))) > 0.99
     assert pair.landmarks == ()
     before = pair.comparison
-    pair.pin_second(int(place[50]))
+    pair.first.pins.toggle(50)
+    pair.second.pins.toggle(int(place[50]))
     assert pair.landmarks == ((50, place[50]),)
     assert pair.comparison is not before
     assert "refine=True, landmarks=[[50, " in reproduction_script(pair.first, pair)
@@ -288,7 +289,8 @@ def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
 
 def solved(first: Mesh, second: Mesh, disturb=lambda document, job: answer(document, job)) -> Pair:
     """Decompose and compare both meshes; `disturb` answers for the second."""
-    one, other = opened(first), opened(second)
+    one = opened(first)
+    other = opened(second, one)
     other.work.requested.disconnect()
     other.work.requested.connect(lambda job: disturb(other, job))
     pair = paired(one, other)
@@ -407,10 +409,7 @@ def test_hemispheres_correspond_by_index_only_where_one_is_the_mirror_image() ->
 def test_pins_of_one_template_are_at_the_same_vertex() -> None:
     pair = solved(stretched(1.02, 1.0, 1.6), stretched(1.0, 1.02, 1.6))
     pair.first.pins.toggle(17)
-    assert [pin.vertex for pin in pair.second.pins.placed] == [17]
     assert pair.best_matches(17)[0][0] == 17
-    pair.pin_second(40)
-    assert [pin.vertex for pin in pair.first.pins.placed] == [17, 40]
 
 
 @pytest.mark.parametrize(
@@ -534,23 +533,6 @@ def test_labels_carried_again_replace_those_carried_before(
     pair.carry_maps()
     carried(moved, "height")
     np.testing.assert_array_equal(second.mesh.map_named("height").values[there], height)
-
-
-def test_the_first_click_of_two_on_the_second_is_taken_back(
-    pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
-) -> None:
-    place, history = meshes[2], pair.first.history
-    pair.first.pins.toggle(7)
-    before = pair.first.pins.placed, pair.second.pins.placed, history.past
-    for vertex in (int(place[50]), int(place[7])):  # a new pin, and the removal of one
-        pair.pin_second(vertex)
-        assert pair.first.pins.placed != before[0]
-        pair.revoke_pin_second()
-        assert (pair.first.pins.placed, pair.second.pins.placed, history.past) == before
-    pair.pin_second(int(place[50]))
-    pair.first.pins.toggle(30)
-    pair.revoke_pin_second()
-    assert [pin.vertex for pin in pair.first.pins.placed] == [7, 50, 30], "only the last"
 
 
 @pytest.mark.parametrize(

@@ -46,8 +46,8 @@ _FLIGHT = 300
 class MeshView(PickableRender):
     """Render of a `Document`, with its camera and mouse gestures.
 
-    - A drag rotates the mesh; with Shift or the right button it pans, with Ctrl it rolls. If
-      `movable_pins` is set, a drag that begins on a pin moves the pin along the surface.
+    - A drag rotates the mesh; with Shift or the right button it pans, with Ctrl it rolls. A drag
+      that begins on a pin moves the pin along the surface.
     - The wheel and a pinch zoom towards the pointer; Ctrl and the wheel emit `stepped`.
     - A click picks a vertex, a click of the middle button centres on a vertex, a click of the right
       button requests a menu.
@@ -65,9 +65,6 @@ class MeshView(PickableRender):
     click_revoked = Signal()
     #: A right click: the vertex (-1 for none) and the position on the screen.
     menu_requested = Signal(int, QPoint)
-    #: A pin is dragged: its previous vertex and its new vertex.
-    pin_dragged = Signal(int, int)
-    pin_dropped = Signal()
     #: A turn of the wheel with Ctrl: number of steps forward, negative for backward.
     stepped = Signal(int)
     camera_changed = Signal()
@@ -86,8 +83,6 @@ class MeshView(PickableRender):
         self._flight.setEasingCurve(QEasingCurve.Type.InOutQuad)
         self._flight.valueChanged.connect(self._fly)
         self._flown: View | None = None
-        #: Whether pins can be dragged.
-        self.movable_pins = False
         #: Vertex of the dragged pin: -1 during a drag that rotates the mesh, None without a drag.
         self._dragged_pin: int | None = None
         self._closed = False
@@ -349,7 +344,7 @@ class MeshView(PickableRender):
         if view is None:
             return
         if self._dragged_pin is None:
-            at = self.plotter.pressed if self.movable_pins and how == "turn" else None
+            at = self.plotter.pressed if how == "turn" else None
             self._dragged_pin = -1 if at is None else self.pin_at(at.x(), at.y())
         if self._dragged_pin >= 0:
             self._drag_pin(self._dragged_pin)
@@ -369,12 +364,11 @@ class MeshView(PickableRender):
         vertex = -1 if at is None else self.vertex_at(at.x(), at.y())
         if vertex >= 0 and all(pin.vertex != vertex for pin in self.document.pins.placed):
             self._dragged_pin = vertex
-            self.pin_dragged.emit(pinned, vertex)
+            self.document.pins.drag(pinned, vertex)
 
     def _end_drag(self) -> None:
-        moved, self._dragged_pin = self._dragged_pin, None
-        if moved is not None and moved >= 0:
-            self.pin_dropped.emit()
+        self._dragged_pin = None
+        self.document.pins.drop()
 
     def _request_menu(self, at: QPointF) -> None:
         place = self.plotter.mapToGlobal(at.toPoint())
