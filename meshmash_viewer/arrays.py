@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, wrong_type
 from meshmash_viewer.units import NO_VOXEL, Voxel
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -94,6 +94,10 @@ def first_equal(rows: npt.NDArray[Any]) -> IntArray:
     return first
 
 
+_XYZ = "give x, y and z of each, shape (n, 3)"
+_CORNERS = "give three vertex indices for each triangle, shape (m, 3)"
+
+
 def _offenders(indices: IntArray) -> str:
     """Write the first indices of a list: "3, 17, 21 and 40 more"."""
     named = ", ".join(str(index) for index in indices[:_NAMED_OFFENDERS])
@@ -112,30 +116,25 @@ def checked_vertices(given: Any) -> FloatArray:
             given = np.ma.filled(np.ma.asarray(given, np.float64), np.nan)
         vertices = np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError):
-        raise InputError("Vertices are an array of numbers of shape (n, 3).") from None
+        raise InputError("wrong-type", "Vertices are not an array of numbers", _XYZ) from None
     if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise InputError(
-            f"Vertices have shape {vertices.shape}: give x, y and z for each, shape (n, 3)."
-        )
+        raise InputError("wrong-shape", f"Vertices have shape {vertices.shape}", _XYZ)
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(bad):
-        raise InputError(
-            f"The coordinates of some vertices are NaN or infinite (vertex {_offenders(bad)}): "
-            "remove or repair them first."
-        )
+        fault = f"The coordinates of some vertices are NaN or infinite (vertex {_offenders(bad)})"
+        raise InputError("not-finite", fault, "remove or repair them first")
     return vertices
 
 
 def check_vertex(vertex: int, n: int) -> None:
     """Raise an `InputError` unless a vertex is an index from 0 to n - 1."""
     try:
-        operator.index(vertex)
+        valid = not isinstance(vertex, bool) and 0 <= operator.index(vertex) < n
     except TypeError:
-        raise InputError(f"A vertex is a whole number from 0 to {n - 1}, not {vertex!r}.") from None
-    if isinstance(vertex, bool):
-        raise InputError(f"A vertex is a whole number from 0 to {n - 1}, not {vertex}.")
-    if not 0 <= vertex < n:
-        raise InputError(f"There is no vertex {vertex}: they are counted from 0 to {n - 1}.")
+        valid = False
+    if not valid:
+        remedy = f"give a whole number from 0 to {n - 1}"
+        raise InputError("vertex-out-of-range", f"There is no vertex {vertex}", remedy)
 
 
 def check_size(vertices: FloatArray, faces: IntArray) -> None:
@@ -146,9 +145,9 @@ def check_size(vertices: FloatArray, faces: IntArray) -> None:
         largest = float(np.abs(vertices[faces[distinct_corners(faces)]]).max(initial=0.0))
     if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
         raise InputError(
-            f"Coordinates of size {largest:.3g} leave no room for areas and eigenvalues in "
-            f"floating-point numbers: scale them to between {1.0 / _LARGEST:.0g} and "
-            f"{_LARGEST:.0g}."
+            "beyond-floating-point",
+            f"Coordinates of size {largest:.3g} leave no room for areas and eigenvalues",
+            f"scale them to between {1.0 / _LARGEST:.0g} and {_LARGEST:.0g}",
         )
 
 
@@ -159,24 +158,15 @@ def checked_faces(given: Any, n_vertices: int) -> IntArray:
         if array.dtype.kind == "O" and array.ndim == 2:
             array = array.astype(np.float64)
     except (TypeError, ValueError):
-        raise InputError(
-            "Faces are an array of vertex indices, three for each triangle, shape (m, 3)."
-        ) from None
+        raise InputError("wrong-type", "Faces are not an array of indices", _CORNERS) from None
     if array.size == 0:
-        raise InputError("The mesh has no faces: a surface is needed, not a cloud of points.")
+        raise InputError("no-faces", "The mesh has no faces", "give a surface, not points")
     if array.ndim != 2 or array.shape[1] != 3:
         counts_first = array.ndim == 2 and array.shape[1] == 4 and np.all(array[:, 0] == 3)
-        raise InputError(
-            f"Faces have shape {array.shape}: give three vertex indices for each triangle, "
-            "shape (m, 3); "
-            + (
-                "the first column is a count of vertices, leave it out with faces[:, 1:]."
-                if counts_first
-                else "polygons have to be split into triangles first."
-            )
-        )
+        remedy = "omit the counts, with faces[:, 1:]" if counts_first else "split polygons first"
+        raise InputError("wrong-shape", f"Faces have shape {array.shape}", f"{_CORNERS}; {remedy}")
     if array.dtype.kind not in "iuf":
-        raise InputError(f"Faces are vertex indices, not of type {array.dtype}.")
+        raise wrong_type("Faces", array.dtype, "vertex indices")
     with np.errstate(invalid="ignore"):
         wrong = (array < 0) | (array >= n_vertices)
         if array.dtype.kind == "f":
@@ -185,9 +175,10 @@ def checked_faces(given: Any, n_vertices: int) -> IntArray:
     if len(bad):
         from_one = np.min(array) == 1 and np.max(array) == n_vertices
         raise InputError(
-            f"Faces name vertices that do not exist (face {_offenders(bad)}, the first as "
-            f"{array[bad[0]].tolist()}): indices run from 0 to {n_vertices - 1}."
-            + (" They seem to begin at 1: subtract 1." if from_one else "")
+            "vertex-out-of-range",
+            f"Faces name vertices that do not exist (face {_offenders(bad)}, the first as"
+            f" {array[bad[0]].tolist()})",
+            f"count from 0 to {n_vertices - 1}{': subtract 1' if from_one else ''}",
         )
     return np.array(array, dtype=np.int64, order="C")
 

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
+from meshmash_viewer.errors import MeshWarning, of_mesh, unknown
 from meshmash_viewer.features.descriptors import (
     compute_geometry_vectors,
     compute_hks,
@@ -124,7 +124,7 @@ def _decomposed(
     **options: Any,
 ) -> tuple[npt.NDArray[np.float64], Array]:
     if prefactor not in (None, "lu"):
-        raise InputError(f'prefactor is {prefactor!r}: give "lu" or None.')
+        raise unknown("prefactor", prefactor, ('"lu"', None))
     result = solve_and_warn(
         L,
         M,

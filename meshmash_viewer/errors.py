@@ -129,6 +129,23 @@ def wrong_shape(what: str, shape: object, wanted: str) -> InputError:
     return InputError("wrong-shape", f"{what} have shape {shape}", f"give {wanted}")
 
 
+def wrong_type(what: str, kind: object, wanted: str) -> InputError:
+    """Return the fault of another type of objects or entries: "Labels have type str: give int"."""
+    name = getattr(kind, "__name__", kind)
+    return InputError("wrong-type", f"{what} have type {name}", f"give {wanted}")
+
+
+def not_carried(doubt: str) -> InputError:
+    """Return the fault of a match in doubt, which carries no values."""
+    return InputError("match-in-doubt", f"Nothing is carried by this match: {doubt}")
+
+
+def other_units(what: str, first: str, second: str, remedy: str) -> InputError:
+    """Return the fault of two units that cannot be compared, of which one may be missing."""
+    units = f"{first or 'no unit'} and {second or 'no unit'}"
+    return InputError("other-units", f"{what} are in {units}", remedy)
+
+
 def other_mesh(what: str, count: int, n: int, remedy: str = "") -> InputError:
     """Return the fault of data at `count` vertices, used with a mesh of `n`."""
     remedy = remedy or "give the mesh that was decomposed"

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FileNumbering, FloatArray, IntArray, first_equal
-from meshmash_viewer.errors import InputError, MeshWarning, of_mesh
+from meshmash_viewer.errors import InputError, MeshWarning, of_mesh, unknown
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import (
     count_connected,
@@ -192,7 +192,7 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     repaired = as_mesh(mesh)
     for name in names:
         if name not in REPAIRS:
-            raise InputError(f"There is no repair {name!r}: the repairs are {', '.join(REPAIRS)}.")
+            raise unknown("repair", name, REPAIRS)
         if name == "keep_largest_component" and repaired.n_components > 1:
             _warn_of_touching(repaired)
         repaired = REPAIRS[name].apply(repaired)
@@ -285,7 +285,7 @@ def _moved(onto: IntArray) -> int:
 
 def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
     if not kept.any():
-        raise InputError("This repair would leave no face: the mesh is kept as it is.")
+        raise InputError("no-faces", "This repair would leave no face", "keep the mesh as it is")
     return replace(mesh, faces=mesh.faces[kept])
 
 

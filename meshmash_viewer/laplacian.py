@@ -6,7 +6,6 @@ unit), `M` the area of each vertex (squared unit of the mesh), so λ is per squa
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -17,6 +16,7 @@ from scipy import sparse
 from meshmash_viewer.arrays import FloatArray, IntArray
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.units import check_number
 
 SparseMatrix: TypeAlias = Any
 #: Two ends and the weight of each edge, shape (m,) each.
@@ -35,9 +35,7 @@ class OperatorOptions:
     mollify_factor: float = 1e-5
 
     def __post_init__(self) -> None:
-        factor = self.mollify_factor
-        if not 0.0 <= factor < math.inf:
-            raise InputError(f"mollify_factor is {factor}: give zero or a small positive one.")
+        check_number(self.mollify_factor, "mollify_factor")
 
 
 def cotangent_laplacian(
@@ -175,8 +173,10 @@ def _refuse_flat_faces(mesh: Mesh) -> None:
     flat = np.flatnonzero(mesh.degenerate_faces & mesh.distinct_corners)
     if len(flat):
         raise InputError(
-            f"Faces without area, {len(flat)} of {mesh.n_faces}, have infinite cotangents (the "
-            f"first joins vertices {mesh.faces[flat[0]].tolist()}): use robust=True, or drop them."
+            "no-area",
+            f"Faces without area, {len(flat)} of {mesh.n_faces}, have infinite cotangents (first"
+            f" at vertices {mesh.faces[flat[0]].tolist()})",
+            "use robust=True, or drop them",
         )
 
 
@@ -206,17 +206,14 @@ def _robust_operator(
             vertices, faces, mollify_factor=float(mollify_factor)
         )
     except RuntimeError as error:
-        raise InputError(
-            f"The robust Laplacian could not be built ({error}): "
-            "try a larger mollify_factor, or repair the mesh first."
-        ) from error
+        fault = f"The robust Laplacian could not be built ({error})"
+        remedy = "increase mollify_factor, or repair the mesh first"
+        raise InputError("not-solvable", fault, remedy) from error
     areas = np.asarray(mass.diagonal(), dtype=np.float64)
     entries = stiffness.tocoo()
     if not (np.isfinite(entries.data).all() and areas.min() > 0):
-        raise InputError(
-            "The robust Laplacian has entries that are not finite, or vertices without area: "
-            f"mollify_factor {mollify_factor} is too small for the degenerate faces of this mesh."
-        )
+        fault = f"mollify_factor {mollify_factor} is too small for the degenerate faces"
+        raise InputError("not-solvable", fault, "increase it, or repair the mesh first")
     upper = entries.row < entries.col
     return (entries.row[upper], entries.col[upper], -entries.data[upper]), areas
 

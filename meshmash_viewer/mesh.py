@@ -21,7 +21,7 @@ from meshmash_viewer.arrays import (
     checked_vertices,
     scaled_vertices,
 )
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, unknown
 from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.units import (
     LENGTH_UNITS,
@@ -43,11 +43,12 @@ MeshLike: TypeAlias = Any
 _ATTRIBUTES = (("vertices", "faces"), ("vertices", "triangles"), ("v", "t"))
 #: Tests for types that are not accepted, and how to convert them.
 _CONVERSIONS: tuple[tuple[Callable[[object], bool], str], ...] = (
-    (lambda given: isinstance(given, (str, PurePath)), "Read a file with read_mesh."),
-    (lambda given: hasattr(given, "extract_surface"), "Give mesh.extract_surface()."),
-    (lambda given: hasattr(given, "to_mesh"), "Give scene.to_mesh()."),
-    (lambda given: hasattr(given, "shape"), "Give both arrays as one argument, (vertices, faces)."),
-    (lambda given: hasattr(given, "cells_dict"), 'Give mesh.points, mesh.cells_dict["triangle"].'),
+    (lambda given: isinstance(given, (str, PurePath)), "read a file with read_mesh"),
+    (lambda given: hasattr(given, "extract_surface"), "give mesh.extract_surface()"),
+    (lambda given: hasattr(given, "to_mesh"), "give scene.to_mesh()"),
+    (lambda given: hasattr(given, "shape"), "give both arrays as one argument, (vertices, faces)"),
+    (lambda given: hasattr(given, "cells_dict"), 'give mesh.points, mesh.cells_dict["triangle"]'),
+    (lambda given: True, "give (vertices, faces), or an object with these two attributes"),
 )
 
 
@@ -122,13 +123,14 @@ class Mesh(Triangles):
         except (TypeError, ValueError):
             voxel = ()
         if not is_voxel(voxel):
-            raise InputError(f"A voxel has three positive sizes as (4, 4, 40), not {self.voxel!r}.")
+            raise InputError("out-of-range", f"voxel is {self.voxel}", "give three positive sizes")
         object.__setattr__(self, "voxel", voxel)
         object.__setattr__(self, "maps", named_apart([self._fitted(each) for each in self.maps]))
         if not self.area > 0.0:
             raise InputError(
-                "The faces have no area: all their vertices coincide or lie on lines. "
-                "Check that the coordinates are those of a surface."
+                "no-area",
+                "The faces have no area, all their vertices coincide or lie on lines",
+                "check that the coordinates are those of a surface",
             )
 
     def __iter__(self) -> Iterator[npt.NDArray[Any]]:
@@ -173,8 +175,7 @@ class Mesh(Triangles):
         """Return the map of a name; `InputError` is raised if there is none."""
         named = {each.name: each for each in self.maps}
         if name not in named:
-            names = ", ".join(map(repr, named)) or "none"
-            raise InputError(f"The mesh has no map {name!r}: its maps are {names}.")
+            raise unknown("map", name, map(repr, named))
         return named[name]
 
     @cached_property
@@ -201,10 +202,9 @@ class Mesh(Triangles):
             return given
         if self.numbering is not None and given.n_vertices == self.n_file_vertices:
             return given.at(self.numbering.in_file)
-        raise InputError(
-            f"Map {given.name!r} has {counted(given.n_vertices, 'value')} and the mesh"
-            f" {counted(self.n_vertices, 'vertex')}: give a map that was made for this surface."
-        )
+        values, vertices = counted(given.n_vertices, "value"), counted(self.n_vertices, "vertex")
+        fault = f"Map {given.name!r} has {values} and the mesh {vertices}"
+        raise InputError("other-mesh", fault, "give a map that was made for this surface")
 
     # -- indices in the file -----------------------------------------------------------------
 
@@ -237,10 +237,8 @@ class Mesh(Triangles):
         check_vertex(file_index, self.n_file_vertices)
         here = file_index if self.numbering is None else int(self.numbering.here[file_index])
         if here < 0:
-            raise InputError(
-                f"Vertex {file_index} was removed by a repair: choose another vertex, or omit the"
-                " repair."
-            )
+            fault = f"Vertex {file_index} was removed by a repair"
+            raise InputError("vertex-unused", fault, "choose another vertex, or omit the repair")
         return here
 
     def named_vertex(self, vertex: int) -> str:
@@ -276,16 +274,14 @@ class Mesh(Triangles):
         kept = np.asarray(mask)
         if kept.dtype != np.bool_ or kept.shape != (self.n_vertices,):
             raise InputError(
-                f"A mask is {self.n_vertices:,} bools, one per vertex, not {kept.dtype} of shape"
-                f" {kept.shape}: make one with a comparison such as labels == 2, or from indices"
-                " with np.isin(np.arange(n), indices)."
+                "wrong-shape",
+                f"A mask has type {kept.dtype} and shape {kept.shape}",
+                f"give {self.n_vertices:,} bools: labels == 2, or np.isin(np.arange(n), indices)",
             )
         faces = self.faces[kept[self.faces].all(axis=1)]
         if not len(faces):
-            raise InputError(
-                f"The mask has {counted(int(kept.sum()), 'vertex')} and no whole face: give the"
-                " vertices of a connected part."
-            )
+            fault = f"The mask has {counted(int(kept.sum()), 'vertex')} and no whole face"
+            raise InputError("no-faces", fault, "give the vertices of a connected part")
         return self if len(faces) == self.n_faces else replace(self, faces=faces)
 
     def like(self, whole: Mesh) -> Mesh:
@@ -343,18 +339,13 @@ def as_mesh(mesh: MeshLike) -> Mesh:
         from scipy.sparse import issparse
 
         if any(issparse(part) for part in mesh):
-            raise InputError(
-                "A pair of matrices (L, M) is not accepted here: give the mesh itself, "
-                "as (vertices, faces)."
-            )
+            remedy = "give the mesh itself, as (vertices, faces)"
+            raise InputError("wrong-type", "A pair of matrices (L, M) is not a mesh", remedy)
         return Mesh(mesh[0], mesh[1])
     kind = type(mesh).__name__
     given = f"a {kind} of {len(mesh)}" if isinstance(mesh, (tuple, list)) else f"of type {kind}"
-    hint = next((f" {text}" for is_kind, text in _CONVERSIONS if is_kind(mesh)), "")
-    raise InputError(
-        f"A mesh is a pair (vertices, faces) or an object with these two attributes, "
-        f"not {given}.{hint}"
-    )
+    remedy = next(text for is_kind, text in _CONVERSIONS if is_kind(mesh))
+    raise InputError("wrong-type", f"A mesh is a pair of arrays, not {given}", remedy)
 
 
 def masked(mesh: MeshLike, mask: npt.ArrayLike | None) -> MeshLike:
@@ -402,6 +393,5 @@ def _length_unit(name: str) -> str:
     """Return the unit of `LENGTH_UNITS` with a name such as "um", or raise an `InputError`."""
     factor, unit = MESH_UNITS.get(name, (0.0, ""))
     if factor != 1.0:
-        known = ", ".join(each or "none" for each in LENGTH_UNITS)
-        raise InputError(f"{name!r} is not a unit a mesh can have: give one of {known}.")
+        raise unknown("unit of a mesh", name, (each or "none" for each in LENGTH_UNITS))
     return unit

@@ -21,11 +21,12 @@ class PlugIn:
 
     `group` is "fields", "readers" or "writers"; `name` is the name of a family of fields or a file
     ending; `package` is the name and version of the package. ``check(name, loaded)`` raises if the
-    function cannot be used. `fault` is the reason why the plug-in cannot be used, or empty.
+    function cannot be used. `fault` is the reason why the plug-in cannot be used, or None.
     """
 
     def __init__(self, group: str, entry: EntryPoint, check: Check) -> None:
-        self.group, self.name, self.fault = group, entry.name, ""
+        self.group, self.name = group, entry.name
+        self.fault: InputError | None = None
         self.package = f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.module
         self._entry, self._check = entry, check
         # for pickling
@@ -40,21 +41,20 @@ class PlugIn:
         `InputError` is raised if the plug-in cannot be imported or used.
         """
         if self.fault:
-            raise InputError(self.fault)
+            raise self.fault
         try:
             loaded = self._entry.load()
             self._check(self.name, loaded)
         except (Exception, SystemExit) as error:
-            raise self.refused(printable(error) or type(error).__name__) from error
+            why = getattr(error, "fault", "") or printable(error) or type(error).__name__
+            raise self.refused(why) from error
         return loaded
 
     def refused(self, why: str) -> InputError:
         """Record why the plug-in cannot be used, and return an `InputError`."""
-        self.fault = (
-            f"The plug-in {self.name} of {self.package} cannot be used ({why.rstrip('.')}):"
-            " update or uninstall that package."
-        )
-        return InputError(self.fault)
+        fault = f"The plug-in {self.name} of {self.package} cannot be used ({why})"
+        self.fault = InputError("plug-in-unusable", fault, "update or uninstall that package")
+        return self.fault
 
 
 _known: list[PlugIn] = []

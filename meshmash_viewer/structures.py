@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import printable, unknown
 
 _PAIRED = (
     "Cortex", "Accumbens", "Amygdala", "Caudate", "CerebellarWhiteMatter", "Cerebellum",
@@ -35,10 +35,7 @@ def named_structure(text: str) -> str:
     """
     found = _KNOWN.get(re.sub(r"[\s_-]", "", text).lower())
     if found is None:
-        raise InputError(
-            f"{printable(text, 40)!r} is not a structure: give CortexLeft, CortexRight or one of"
-            f" {', '.join(STRUCTURES[2:])}."
-        )
+        raise unknown("structure", printable(text, 40), STRUCTURES)
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import exact_array
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, printable, wrong_type
 from meshmash_viewer.units import counted
 
 #: Maximum number of labels of a map, the size of the colour table.
@@ -96,17 +96,14 @@ class VertexMap:
         name = printable(self.name, _LONGEST) or "map"
         object.__setattr__(self, "name", name)
         if wrong := [each for each in self.labels if not isinstance(each, Label)]:
-            kind = type(wrong[0]).__name__
-            raise InputError(f"Labels of map {name!r} are a sequence of mv.Label, not {kind}.")
+            raise wrong_type(f"Labels of map {name!r}", type(wrong[0]), "a sequence of mv.Label")
         values = _checked(_numbers(self.values, name), name, self.labels)
         first: dict[int, Label] = {}
         for label in self.labels:
             first.setdefault(label.key, label)
         if len(first) > MOST_LABELS:
-            raise InputError(
-                f"Map {name!r} has {len(first):,} labels, and {MOST_LABELS} can be"
-                " distinguished by colour: join some of them."
-            )
+            fault = f"Map {name!r} has {len(first):,} labels, more than {MOST_LABELS} colours"
+            raise InputError("too-many-labels", fault, "join some of them")
         object.__setattr__(self, "labels", tuple(first.values()))
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -176,12 +173,14 @@ class VertexMap:
         more = ", …" if len(self.labels) > _NAMED else ""
         asked = [one for each in named.removeprefix("-").split(",") if (one := each.strip())]
         if not asked:
-            raise InputError(f"Map {self.name!r} has several labels, name one: {names}{more}.")
+            fault = f"Map {self.name!r} has several labels"
+            raise InputError("missing-argument", fault, f"name one of {names}{more}")
         keys: list[int] = []
         for one in asked:
             found = [each.key for each in self.labels if one in (each.name, str(each.key))]
             if not found:
-                raise InputError(f"Map {self.name!r} has no label {one!r}: it has {names}{more}.")
+                fault = f"Map {self.name!r} has no label {one!r}"
+                raise InputError("unknown-name", fault, f"give one of {names}{more}")
             keys += found
         return np.isin(self.values, keys, invert=named.startswith("-"))
 
@@ -255,25 +254,21 @@ def _check_exact(integers: npt.ArrayLike, name: str) -> None:
     found = np.asarray(integers)
     largest = max(int(found.max()), -int(found.min())) if found.size else 0
     if largest > _EXACT:
-        raise InputError(
-            f"Map {name!r} has the whole number {largest}, which would be rounded: give labels, or"
-            " number the values with np.unique(values, return_inverse=True)[1]."
-        )
+        fault = f"Map {name!r} has the whole number {largest}, which would be rounded"
+        remedy = "give labels, or number them with np.unique(values, return_inverse=True)[1]"
+        raise InputError("not-exact", fault, remedy)
 
 
 def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> npt.NDArray[Any]:
     """Return values in the type to be stored; raise `InputError` if they are invalid."""
-    if values.dtype.kind == "c":
-        raise InputError(
-            f"Map {name!r} has complex numbers: give real ones, such as their absolute values."
-        )
     if values.dtype.kind not in "fiub":
-        raise InputError(f"Map {name!r} has text where numbers should be: leave it out.")
+        raise InputError("wrong-type", f"Map {name!r} has type {values.dtype}", "give real numbers")
     if values.ndim != 1 or not len(values):
-        raise InputError(f"Map {name!r} has shape {values.shape}: give one number per vertex.")
+        fault = f"Map {name!r} has shape {values.shape}"
+        raise InputError("wrong-shape", fault, "give one number per vertex")
     if labels:
         if values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
-            raise InputError(f"Map {name!r} has labels that are no whole numbers: export it again.")
+            raise InputError("not-labels", f"Map {name!r} has labels that are no whole numbers")
         # a read-only array, such as that of another map, is shared
         keys = [label.key for label in labels]
         largest = max(abs(int(each)) for each in (values.min(), values.max(), min(keys), max(keys)))
@@ -285,10 +280,9 @@ def _checked(values: npt.NDArray[Any], name: str, labels: Sequence[Label]) -> np
     kept = values.astype(values.dtype if values.dtype.name == "float32" else np.float64)
     infinite = np.flatnonzero(np.isinf(kept))
     if len(infinite):
-        raise InputError(
-            f"Map {name!r} has {counted(len(infinite), 'infinite value')}, the first at vertex"
-            f" {infinite[0]}: put NaN where there is no value."
-        )
+        count = counted(len(infinite), "infinite value")
+        fault = f"Map {name!r} has {count}, the first at vertex {infinite[0]}"
+        raise InputError("not-finite", fault, "put NaN where there is no value")
     if np.isnan(kept).all():
-        raise InputError(f"Map {name!r} has no value at any vertex, all are NaN: export it again.")
+        raise InputError("no-values", f"Map {name!r} has no value at any vertex, all are NaN")
     return kept

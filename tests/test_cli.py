@@ -670,7 +670,7 @@ def test_a_filter_is_written_as_a_formula(
     assert (status, "l = 2.15, from the spectrum" in err) == (0, True), err
     assert "from the spectrum" not in run(capsys, "features", ball, *chosen, "--set", "t=1")[2]
     for wrong, said in (
-        (("--set", "q=1"), "has no parameter q; it has t"),
+        (("--set", "q=1"), "has no parameter q: give one of t"),
         (("--set", "t=2:1"), "from a positive number to a larger one"),
         (("--set", "t=one"), "is not t=3e6"),
         (("--t-min", 1), "--t-min is for --kind hks, not for filter"),
@@ -819,7 +819,7 @@ def test_two_meshes_are_compared(
         (("--landmark", 0), "0 is not 2 numbers: write them like 12 40"),
         (
             ("--landmark", 0, 10**6),
-            f"There is no vertex 1000000: they are counted from 0 to {last}",
+            f"There is no vertex 1000000: give a whole number from 0 to {last}",
         ),
     ):
         status, said, err = run(capsys, *refined, *words)
@@ -1027,11 +1027,11 @@ def test_distances_are_written(
         ("", "give --vertex"),
         ("--vertex 4 --vertex 4", "each once"),
         ("--vertex -1", "a whole number from 0"),
-        ("--vertex 99999", "they are counted from 0 to"),
+        ("--vertex 99999", "a whole number from 0"),
         ("--vertex x", "a whole number from 0"),
         ("--vertex 4 --distance walk", "invalid choice"),
         ("--vertex 4 --time 3", "--distance diffusion"),
-        ("--vertex 4 --distance diffusion --time -3", "must be positive"),
+        ("--vertex 4 --distance diffusion --time -3", "give a positive number"),
         ("--vertex 4 --n-components 3", "one column for each"),
         ("--vertex 4 --t-min 3", "--t-min is for --kind hks"),
         ("--vertex 4 --pieces 4", "whole mesh"),

@@ -247,7 +247,7 @@ def test_an_interrupted_movie_leaves_nothing(
         ("movie {ball} -o no/film.gif --turntable", "no folder"),
         ("movie {ball} -o film.mp4 --turntable --size 65x64", "64x64"),
         ("movie {ball} -o film.gif --turntable --rate 80", "up to 50"),
-        ("movie {ball} -o film.gif --turntable --seconds -1", "must be positive"),
+        ("movie {ball} -o film.gif --turntable --seconds -1", "give positive ones"),
         ("movie {ball} -o film.gif --count 9 --sweep 0:12", "9 columns"),
         (
             "movie {ball} -o film.gif --count 9 --sweep 0:9 --rate 20 --seconds 3",

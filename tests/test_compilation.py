@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from faults import raises
 from tiers import slow_but
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.engine import compiler
 
 CODE = """
@@ -63,7 +62,7 @@ def preview():
     from meshmash_viewer.spectral.preview import preview_eigenpairs
     preview_eigenpairs(mesh, 4)
 """
-SENTENCE = "numba, which compiles the eigensolver, is missing; install it"
+SENTENCE = "numba, which compiles the eigensolver, is missing: install it"
 
 
 def without_compiler(code: str) -> subprocess.CompletedProcess[str]:
@@ -115,10 +114,10 @@ def test_a_compiler_that_does_not_work_beside_what_is_installed_says_why(tmp_pat
     )
     run = [sys.executable, "-c", header + code]
     printed = subprocess.run(run, capture_output=True, text=True, check=True).stdout
-    assert "does not work here (Numba needs NumPy 2.2 or less); install it" in printed
+    assert "does not work here (Numba needs NumPy 2.2 or less): install it" in printed
 
 
 def test_a_missing_compiler_is_said_before_it_is_imported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiler, "find_spec", lambda _: None)
-    with pytest.raises(InputError, match=re.escape(SENTENCE)):
+    with raises("package-missing", SENTENCE):
         compiler.import_compiler()

@@ -8,6 +8,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, splu
@@ -24,7 +25,6 @@ from meshmash_viewer.decompose import (
 )
 from meshmash_viewer.errors import (
     ConstantFeaturesWarning,
-    InputError,
     MeshWarning,
     TruncationWarning,
 )
@@ -223,11 +223,11 @@ def test_a_threshold_above_everything_gives_everything(neuron, matrices, dense):
 
 @pytest.mark.parametrize("threshold", [-1e-9, -np.inf, np.nan])
 def test_a_negative_threshold_is_refused(sphere, threshold):
-    with pytest.raises(InputError, match="max_eigenvalue is"):
+    with raises("out-of-range", "max_eigenvalue is"):
         decompose_laplacian_by_bands(*cotangent_laplacian(sphere), threshold)
-    with pytest.raises(InputError, match="max_eigenvalue is"):
+    with raises("out-of-range", "max_eigenvalue is"):
         spectral_geometry_filter(sphere, max_eigenvalue=threshold)
-    with pytest.raises(InputError):
+    with raises("out-of-range"):
         compute_geometry_vectors(sphere, max_eigenvalue=threshold)
 
 
@@ -239,11 +239,11 @@ def test_more_than_all_is_all_and_less_than_one_is_refused(sphere):
         assert len(eigenvalues) == 642
         assert eigenvectors.shape == (642, 642)
     for count in (0, -3, 2.5):
-        with pytest.raises(InputError, match="n_components is"):
+        with raises("out-of-range", "n_components is"):
             decompose_mesh(sphere, count)
-        with pytest.raises(InputError, match="n_components is"):
+        with raises("out-of-range", "n_components is"):
             compute_hks(sphere, 10.0, n_components=count)
-    with pytest.raises(InputError, match="band_size is 0"):
+    with raises("out-of-range", "band_size is 0"):
         compute_hks(sphere, 10.0, band_size=0)
 
 
@@ -365,7 +365,7 @@ def test_prefactor_is_lu_or_nothing(matrices, sphere):
     )
     np.testing.assert_array_equal(plain[0], factored[0])
     for prefactor in ("ilu", "LU", True):
-        with pytest.raises(ValueError, match='"lu" or None'):
+        with raises("unknown-name"):
             decompose_mesh(sphere, 5, prefactor=prefactor)
 
 
@@ -459,13 +459,13 @@ def test_no_filter_returns_pairs_and_drops_exactly_one(neuron, matrices):
         (lambda x: np.ones((2, 3)), "for 30 eigenvalues"),
         (lambda x: np.ones(5), "for 30 eigenvalues"),
         (lambda x: np.where(x > 0, 1.0, np.inf)[None], "returned inf for the eigenvalue 0:"),
-        (lambda x: None, "returned None: let it return real numbers"),
-        (lambda x: np.nan, r"shape \(\) for 30 eigenvalues"),
+        (lambda x: None, ""),
+        (lambda x: np.nan, "shape () for 30 eigenvalues"),
         (lambda x: np.exp(1j * x)[None], "returned values of type complex128"),
     ],
 )
 def test_filters_that_return_nonsense_are_told_so(neuron, filter_, words):
-    with pytest.raises(InputError, match=words):
+    with raises("wrong-filter", words):
         spectral_geometry_filter(neuron, filter_, 1.1e-5, drop_first=False)
 
 
@@ -640,7 +640,7 @@ def test_a_number_of_pairs_is_a_whole_one(count: float) -> None:
         lambda: decompose_mesh(mesh, n_components=count),
         lambda: decompose_laplacian_by_bands(*matrices, max_eigenvalue=3.0, band_size=count),
     ):
-        with pytest.raises(InputError, match="give a whole number from 1"):
+        with raises("out-of-range", "give a whole number from 1"):
             ask()
     assert len(decompose_mesh(mesh, n_components=3.0)[0]) == 3
 

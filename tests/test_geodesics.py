@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import shapes
+from faults import raises
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import Delaunay
 from tiers import slow
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.split.partition import edge_graph
 from meshmash_viewer.surface.geodesics import (
@@ -173,9 +173,9 @@ def test_columns_and_the_nearest_of_several() -> None:
     assert geodesic_distance(ball, [5]).shape == (ball.n_vertices, 1)
     nearest = nearest_distance(ball, [1, 2, 3])
     assert np.abs(nearest - columns.min(axis=1)).max() < 0.01
-    with pytest.raises(InputError, match="needs one or more"):
+    with raises("no-vertices"):
         nearest_distance(ball, [])
-    with pytest.raises(InputError, match="There is no vertex 642"):
+    with raises("vertex-out-of-range", "There is no vertex 642"):
         nearest_distance(ball, [3, 642])
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 
 import meshmash_viewer as mv
 from meshmash_viewer.cli.main import main
@@ -42,16 +43,16 @@ FUNCTIONS: dict[str, Callable[[int], Any]] = {
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_billion_columns_are_refused_at_once(name: str) -> None:
-    with pytest.raises(mv.InputError, match=r"from 1 to 100,000|of memory") as refused:
+    with pytest.raises(mv.InputError) as refused:
         FUNCTIONS[name](MANY)
-    assert str(refused.value).count(". ") == 0, "one sentence"
+    assert refused.value.code in ("out-of-range", "no-memory")
 
 
 @pytest.mark.parametrize("bank", [mv.heat_kernel_bank, mv.gaussian_pyramid_bank])
 def test_a_list_of_parameters_has_the_same_limit(bank: Callable[..., Any]) -> None:
-    with pytest.raises(mv.InputError, match="100,001 columns: give at most 100,000"):
+    with raises("too-many-columns", "100,001 columns: give at most 100,000"):
         bank(np.geomspace(1.0, 2.0, MOST_FILTERS + 1))
-    with pytest.raises(mv.InputError, match="each value of t would be 100,001 columns"):
+    with raises("too-many-columns", "each value of t would be 100,001 columns"):
         mv.formula_bank("exp(-t*x)", t=np.geomspace(1.0, 2.0, MOST_FILTERS + 1))
 
 
@@ -87,18 +88,14 @@ def little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("little_memory")
 @pytest.mark.parametrize("call", [mv.compute_hks, mv.compute_geometry_vectors])
 def test_columns_larger_than_the_memory_are_refused(call: Callable[..., Any]) -> None:
-    with pytest.raises(
-        mv.InputError,
-        match=r"500 columns of 642 vertices take about 5.14.MB of memory, and 5.MB are free: take "
-        r"fewer columns \(--n-components, n_components=\), or close other programs",
-    ):
+    with raises("no-memory"):
         call(BALL, 40.0, n_components=500)
 
 
 @pytest.mark.usefixtures("little_memory")
 def test_sums_larger_than_the_memory_are_refused() -> None:
     rows, coefficients = np.ones((2, 1000)), np.ones((400, 2))
-    with pytest.raises(mv.InputError, match="400 columns of 1,000 vertices take about"):
+    with raises("no-memory", "400 columns of 1,000 vertices take about"):
         mv.features.sums.accumulate_features(rows, coefficients)
 
 

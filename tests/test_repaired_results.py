@@ -95,7 +95,7 @@ def test_the_command_line_counts_as_the_file(
     assert run(*common[:-4], "--vertex", 43, "-o", out) == 2
     assert "Vertex 43 was removed by a repair" in capsys.readouterr().err
     assert run(*common[:-4], "--vertex", 206, "-o", out) == 2
-    assert "There is no vertex 206: they are counted from 0 to 205" in capsys.readouterr().err
+    assert "There is no vertex 206: give a whole number from 0 to 205" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

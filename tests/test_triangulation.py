@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+from faults import raises
 from tiers import slow_but
 
-from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.errors import MeshWarning
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import as_mesh
 from meshmash_viewer.triangulation import triangulate
@@ -190,7 +191,7 @@ def test_a_very_large_polygon_is_cut_if_it_is_convex() -> None:
     points = np.column_stack([circle([1.0] * count), np.zeros(count)])
     assert area_of(points, cut(points, [*range(count)])) == pytest.approx(np.pi, rel=1e-6)
     points[5] *= 0.5
-    with pytest.raises(InputError, match="A polygon of 10,001 corners is not convex"):
+    with raises("polygon-too-large", "A polygon of 10,001 corners is not convex"):
         cut(points, [*range(count)])
 
 
@@ -297,7 +298,7 @@ def test_polydata_with_strips_and_empty_cells() -> None:
     poly = pyvista.PolyData(points, faces=[4, 0, 1, 2, 3], strips=[4, 0, 3, 5, 4])
     mesh = as_mesh(poly)
     assert mesh.faces.tolist() == [[0, 1, 3], [1, 2, 3], [0, 3, 5], [5, 3, 4]]
-    with pytest.raises(InputError, match="no faces"):
+    with raises("no-faces", "no faces"):
         as_mesh(pyvista.PolyData(points))
-    with pytest.raises(InputError, match="no faces"):
+    with raises("no-faces", "no faces"):
         as_mesh(pyvista.PolyData())

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from faults import raises
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.quantities import parse_number, parse_unit
@@ -181,7 +182,7 @@ def test_one_of_something_is_not_many(number: int, noun: str, text: str) -> None
 @pytest.mark.parametrize("count", [0, -1, 1.5, math.nan, math.inf])
 def test_a_count_is_a_whole_number_from_one(count: float) -> None:
     assert whole_number(3.0, "n_components") == 3
-    with pytest.raises(InputError, match=r"n_components is .*: give a whole number from 1"):
+    with raises("out-of-range", "n_components is", ": give a whole number from 1"):
         whole_number(count, "n_components")
 
 

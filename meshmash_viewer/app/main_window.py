@@ -245,7 +245,7 @@ class MainWindow(ScriptedWindow):
         self.opening.look()
         for each in known_plug_ins():
             if each.fault:
-                self.document.notices.say(each.fault, Severity.WARNING)
+                self.document.notices.say(str(each.fault), Severity.WARNING)
 
     # -- wiring -------------------------------------------------------------------------------
 

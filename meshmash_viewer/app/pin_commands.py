@@ -131,10 +131,10 @@ class PinCommands:
         """
         mesh = self._document.mesh
         if mesh is None:
-            raise InputError("There is no mesh to pin: open one first.")
+            raise InputError("no-mesh", "There is no mesh to pin", "open one first")
         placed = place_pins(mesh, table)
         if placed.faults:
-            raise InputError(f"No pin was set; {placed.faults[0]}.")
+            raise placed.faults[0].of("No pin was set, as")
         self._accept(mesh, placed, "")
 
     def _accept(self, mesh: Mesh, placed: PlacedPins, source: str) -> None:
@@ -152,8 +152,8 @@ class PinCommands:
             document.pins.set("import of pins", pins)
             sentences += [*placed.remarks, *filter(None, [remark])]
         if left_out:
-            rest = f"{counted(len(left_out), 'row')} left out, such as {left_out[0]}."
-            sentences.append(rest if len(left_out) > 1 else f"Left out is {left_out[0]}.")
+            rest = f"{counted(len(left_out), 'row')} left out, such as {left_out[0]}"
+            sentences.append(rest if len(left_out) > 1 else f"Left out is {left_out[0]}")
         if source or len(sentences) > 1:
             severity = Severity.WARNING if left_out else Severity.INFORMATION
             document.notices.say(" ".join(sentences), severity)

@@ -25,6 +25,7 @@ _DRAWN = ("xcb", "wayland", "wayland-egl", "wayland-brcm", "eglfs")
 _OPENGL = (3, 2)
 #: Seconds to wait until a platform has opened its display.
 _PATIENCE = 30.0
+_NO_WINDOW = "use the commands that need no window (see --help)"
 #: Program of a child process that opens the display. No core dump is written if Qt aborts it.
 _PROBE = """
 import resource
@@ -62,10 +63,8 @@ def _choose_platform(held: ExitStack) -> None:
             return
         faults.append(fault)
     why = f" ({'; '.join(faults)})" if faults else ""
-    raise InputError(
-        f"No display is available for a window{why}; use the commands that need no window (see"
-        " --help), or run it under xvfb-run."
-    )
+    fault = f"No display is available for a window{why}"
+    raise InputError("no-display", fault, f"{_NO_WINDOW}, or run it under xvfb-run")
 
 
 def check_opengl() -> None:
@@ -73,9 +72,10 @@ def check_opengl() -> None:
     if not has_opengl():
         found = ".".join(map(str, _version())) or "none"
         raise InputError(
+            "no-opengl",
             f"The render needs OpenGL 3.2, and windows get {found} here (platform"
-            f" {QGuiApplication.platformName()}): install a driver, such as Mesa's for the"
-            " processor (libgl1-mesa-dri), or use the commands that need no window (see --help)."
+            f" {QGuiApplication.platformName()})",
+            f"install a driver, such as Mesa's (libgl1-mesa-dri), or {_NO_WINDOW}",
         )
 
 

@@ -68,7 +68,7 @@ class ScriptedWindow(QMainWindow):
         """
         mesh = self.document.mesh
         if mesh is None:
-            raise InputError("There is no mesh to put a map on: open the mesh first.")
+            raise InputError("no-mesh", "There is no mesh to put a map on", "open the mesh first")
         self.document.maps.add(mesh, [VertexMap(name, np.asarray(values), unit=unit)])
 
     def add_pins(

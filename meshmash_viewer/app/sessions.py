@@ -120,7 +120,8 @@ class Restoration:
         self._saved_itself, self._maps = saved_itself, tuple(maps)
         session = session or read_session(path)
         if not session.mesh_path:
-            raise InputError(f"{path.name} has no mesh_path: open the mesh itself instead.")
+            fault = f"{path.name} has no mesh_path"
+            raise InputError("no-mesh", fault, "open the mesh itself instead")
         self._display = read_display(session.display, path)
         self._classes = read_saved_classes(session.classes, path)
         #: The saved camera.
@@ -131,10 +132,8 @@ class Restoration:
             try:
                 self.camera = View.from_json(session.camera)
             except ValueError as fault:
-                raise InputError(
-                    f"{path.name} has a damaged camera ({fault}): take that entry out, or open "
-                    "another file."
-                ) from fault
+                damage = f"{path.name} has a damaged camera ({fault})"
+                raise InputError("invalid-entry", damage, "omit that entry") from fault
         self._document = document
         #: The session, and its file.
         self.session, self.path = session, path

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.errors import InputError, MeshWarning, not_carried
 from meshmash_viewer.features import MATCHED_COLUMNS
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
 from meshmash_viewer.features.functional_map import (
@@ -187,7 +187,7 @@ class Comparison:
         ('match score', 0.0)
         """
         if self.doubt:
-            raise InputError(f"Nothing is carried by this match: {self.doubt}.")
+            raise not_carried(self.doubt)
         matches = self.back if back else self.forth
         at, missing = matches.indices, matches.indices < 0
         carried = []
@@ -365,9 +365,10 @@ def check_comparable(name: str, n_vertices: int, eigenvalues: FloatArray) -> Non
     above = int(np.count_nonzero(eigenvalues > 0.0))
     if above < _FEWEST:
         raise InputError(
+            "too-few-pairs",
             f"{name or 'A mesh'} of {counted(n_vertices, 'vertex')} has"
-            f" {counted(above, 'nonzero eigenvalue')}, too few for a comparison: compute more, or"
-            " give a mesh with more vertices."
+            f" {counted(above, 'nonzero eigenvalue')}, too few for a comparison",
+            "compute more, or give a mesh with more vertices",
         )
 
 
@@ -497,9 +498,8 @@ def _checked_vertices(vertices: npt.ArrayLike, first: Eigenpairs, second: Eigenp
     there = np.asarray(vertices)
     n_first, n_second = len(first.mass), len(second.mass)
     if there.shape != (n_first,) or there.min(initial=0) < -1 or there.max(initial=0) >= n_second:
-        raise InputError(
-            f"Give for each of {n_first} vertices one of {n_second}, counted from 0, or -1."
-        )
+        remedy = f"give for each of {n_first} vertices one of {n_second}, counted from 0, or -1"
+        raise InputError("vertex-out-of-range", "Matches name vertices that do not exist", remedy)
     return there
 
 

@@ -234,10 +234,8 @@ def compute_hks(
 
     if count == "auto":
         if t_min is None:
-            raise InputError(
-                'count="auto" takes as many eigenpairs as the shortest time needs: give t_min '
-                "(times chosen from the spectrum follow the pairs, so that any number is enough)."
-            )
+            fault = 'count="auto" takes as many eigenpairs as the shortest time needs'
+            raise InputError("missing-argument", fault, "give t_min")
         refuse_two_extents(max_eigenvalue, count, wavelength)
         target = sufficient_target(t_min, *computation.surface)
         return computation.features(target.n_components, target.max_eigenvalue, bank, tail, t_min)

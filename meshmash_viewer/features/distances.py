@@ -16,13 +16,17 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, check_vertex
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filter_responses import ZERO_SHARE, as_spectrum
+from meshmash_viewer.errors import InputError, other_mesh, unknown, wrong_shape
+from meshmash_viewer.features.filter_responses import (
+    ZERO_SHARE,
+    as_spectrum,
+    first_nonzero_eigenvalue,
+)
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike, as_eigenpairs
 from meshmash_viewer.surface.geodesics import geodesic_distance
-from meshmash_viewer.units import is_real, power_unit
+from meshmash_viewer.units import check_positive, power_unit
 
 #: Label, and unit as a power of length, of each kind of distance by name.
 MEASURES: dict[str, tuple[str, int]] = {
@@ -65,13 +69,8 @@ def diffusion_distance(
     >>> mv.diffusion_distance([0.0, 1.0], [[1.0, 1.0], [1.0, -1.0]], 0, time=0.5).round(3)
     array([0.   , 1.213])
     """
-    _check_time(time)
+    check_positive(time, "time")
     return _distance("diffusion", eigenvalues, eigenvectors, vertex, time)
-
-
-def _check_time(time: float | None) -> None:
-    if time is None or not is_real(time) or not 0.0 < time < math.inf:
-        raise InputError(f"time is {time}: the diffusion distance needs a positive time.")
 
 
 def biharmonic_distance(
@@ -186,9 +185,7 @@ def _distance(
     values = as_spectrum(eigenvalues)
     columns = np.asarray(eigenvectors)
     if columns.ndim != 2 or columns.shape[1] != len(values):
-        raise InputError(
-            f"Eigenvectors of shape {columns.shape} do not match {len(values)} eigenvalues."
-        )
+        raise wrong_shape("Eigenvectors", columns.shape, f"{len(values)} columns")
     check_vertex(vertex, len(columns))
     rows: Any = RowsFrom(columns.T, vertex)
     weights = spectral_weights(kind, values, time)
@@ -205,10 +202,8 @@ def check_vertices(mesh: Mesh, vertices: npt.ArrayLike) -> None:
     for vertex in np.atleast_1d(np.asarray(vertices)).tolist():
         check_vertex(vertex, mesh.n_vertices)
         if not mesh.referenced[vertex]:
-            raise InputError(
-                f"Vertex {mesh.file_index(vertex)} belongs to no face, so it has no distance to"
-                " others: choose another."
-            )
+            fault = f"Vertex {mesh.file_index(vertex)} belongs to no face, so it has no distance"
+            raise InputError("vertex-unused", fault, "choose another")
 
 
 def distance_columns(measure: str, vertices: Sequence[int]) -> tuple[str, ...]:
@@ -254,9 +249,9 @@ def distance_features(
     surface = as_mesh(mesh)
     chosen = [int(vertex) for vertex in np.atleast_1d(np.asarray(vertices))]
     if measure not in MEASURES:
-        raise InputError(f"There is no distance {measure!r}; there are {', '.join(MEASURES)}.")
+        raise unknown("distance", measure, MEASURES)
     if not chosen or len(set(chosen)) < len(chosen):
-        raise InputError("Distances need one or more vertices, each given once.")
+        raise InputError("no-vertices", "Distances need vertices", "give one or more, each once")
     check_vertices(surface, chosen)
     named = [surface.file_index(vertex) for vertex in chosen]
     meta: dict[str, Any] = {"measure": measure, "vertices": named}
@@ -264,9 +259,9 @@ def distance_features(
         values = geodesic_distance(surface, chosen)
     else:
         if decomposition is None:
-            raise InputError(f"The {measure} distance needs eigenpairs: give a decomposition.")
+            raise InputError("no-eigenpairs", f"The {measure} distance needs pairs", "give pairs")
         if measure == "diffusion":
-            _check_time(time)
+            check_positive(time, "time")
             meta |= {"time": time, "time_unit": power_unit(surface.unit, 2)}
         call = "distance_features(mesh, vertices, measure, pairs)"
         decomposition = as_eigenpairs(call, decomposition, surface)
@@ -286,14 +281,8 @@ def _from_pairs(
     mesh: Mesh, vertices: list[int], measure: str, pairs: Eigenpairs, time: float
 ) -> FloatArray:
     if len(pairs.eigenvectors) != mesh.n_vertices:
-        raise InputError(
-            f"Eigenvectors at {len(pairs.eigenvectors)} vertices do not match a mesh of"
-            f" {mesh.n_vertices}."
-        )
-    if not _above_zero(pairs.eigenvalues).any():
-        raise InputError(
-            "All eigenvalues are zero, and distances need nonzero ones: compute more eigenpairs."
-        )
+        raise other_mesh("Eigenvectors", len(pairs.eigenvectors), mesh.n_vertices)
+    first_nonzero_eigenvalue(pairs.eigenvalues)
     values = np.empty((mesh.n_vertices, len(vertices)), order="F")
     labels = mesh.component_labels
     for column, vertex in enumerate(vertices):

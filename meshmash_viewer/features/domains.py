@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from meshmash_viewer import errors
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, wrong_shape
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, side_codes
@@ -33,15 +33,10 @@ require = functools.partial(errors.require, "Domains need", "neuro")
 def checked_labels(labels: npt.ArrayLike, n_vertices: int) -> IntArray:
     """Return the domain of each vertex, shape (n,), and raise `InputError` for other arrays."""
     found = np.asarray(labels)
-    if found.shape != (n_vertices,) or found.dtype.kind not in "iu":
-        raise InputError(
-            f"Labels of domains have shape {found.shape} and type {found.dtype}: give one whole"
-            f" number for each of the {n_vertices:,} vertices."
-        )
-    if (least := int(found.min(initial=-1))) < -1:
-        raise InputError(
-            f"A label of a domain is {least}: domains are numbered from 0, and -1 is none."
-        )
+    if found.shape != (n_vertices,) or found.dtype.kind not in "iu" or found.min(initial=-1) < -1:
+        fault = f"Labels of domains have shape {found.shape} and type {found.dtype}"
+        remedy = f"give one whole number from -1 (none) for each of {n_vertices:,} vertices"
+        raise InputError("not-labels", fault, remedy)
     return found.astype(np.int64)
 
 
@@ -49,7 +44,7 @@ def checked_point(point: npt.ArrayLike) -> FloatArray:
     """Return a position, shape (3,), and raise `InputError` for other arrays."""
     found = np.asarray(point, dtype=np.float64)
     if found.shape != (3,) or not np.isfinite(found).all():
-        raise InputError(f"nuc_point is {point!r}: give x, y and z of a point.")
+        raise InputError("out-of-range", f"nuc_point is {point!r}", "give x, y and z of a point")
     return found
 
 
@@ -81,7 +76,7 @@ def aggregate_features(
     try:
         table = np.asarray(features, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError("Features of domains are numbers: leave out columns of text.") from None
+        raise InputError("wrong-type", "Features of domains have text", "give numbers") from None
     table = table.reshape(len(table), -1)
     names = getattr(features, "columns", range(table.shape[1]))
     return frame_of_domains(domain_means(table, labels, weights), names, first=-1)
@@ -103,10 +98,7 @@ def domain_means(
     known = checked_labels(labels, len(table))
     given = np.ones(len(table)) if weights is None else np.asarray(weights, dtype=np.float64)
     if given.shape != known.shape or not (given >= 0.0).all():
-        raise InputError(
-            f"Weights of shape {given.shape} are not one number from 0 for each of the"
-            f" {len(table):,} vertices."
-        )
+        raise wrong_shape("Weights", given.shape, f"numbers from 0 at {len(table):,} vertices")
     inside = np.flatnonzero(known >= 0)
     domain, k = known[inside], int(known.max(initial=-1)) + 1
     share = given[inside]
@@ -140,10 +132,8 @@ def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike)
     given: Any = condensed
     table = given if hasattr(given, "reindex") else pandas.DataFrame(np.asarray(given))
     if missing := sorted(set(known[known >= 0].tolist()) - set(table.index)):
-        raise InputError(
-            f"Domain {missing[0]} has no row: there are {len(table)} rows, and labels up to"
-            f" {known.max()}."
-        )
+        fault = f"Domain {missing[0]} is not among the {len(table)} rows"
+        raise InputError("missing-row", fault, "give the table of these labels")
     rows = table.drop(index=-1, errors="ignore").reindex(known).astype(np.float64)
     if table is given:
         return rows.reset_index(drop=True)
@@ -183,7 +173,7 @@ def condense_mesh_to_graph(
     surface = as_mesh(mesh)
     known = checked_labels(labels, surface.n_vertices)
     if not (known >= 0).any():
-        raise InputError("No vertex is in a domain: all labels are -1.")
+        raise InputError("no-labels", "No vertex is in a domain, all labels are -1")
     k = int(known.max()) + 1
     areas, component = surface.vertex_areas, surface.component_labels
     positions = domain_means(surface.vertices, known, areas)[1:]

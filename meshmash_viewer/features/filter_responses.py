@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, wrong_shape
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
-from meshmash_viewer.units import counted, whole_number
+from meshmash_viewer.units import check_positive, counted, whole_number
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -42,10 +42,10 @@ def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
     above = spectrum[spectrum > ZERO_SHARE * spectrum.max(initial=0.0)]
     if not len(above):
         raise InputError(
-            f"All eigenvalues are zero: {counted(len(spectrum), 'pair')}, one for each component of"
-            " the mesh, so times and energies cannot be chosen from them. Compute more pairs"
-            " (--count, n_components=), merge components that touch (--repair"
-            " merge_coincident_vertices), or keep the largest (--largest-component)."
+            "no-nonzero-eigenvalue",
+            f"All eigenvalues are zero ({counted(len(spectrum), 'pair')}, one for each component)",
+            "compute more pairs (--count, n_components=), merge components that touch (--repair"
+            " merge_coincident_vertices), or keep the largest (--largest-component)",
         )
     return float(above.min())
 
@@ -104,35 +104,30 @@ def hks_times(
     check_times(t_min, t_max)
     if t_min is None or t_max is None:
         shortest, longest = hks_time_range(eigenvalues, area)
-        if t_min is not None and t_min > longest:
-            raise InputError(
-                f"t_min ({t_min:.4g}) is above {longest:.4g}, the longest time that these"
-                " eigenvalues suggest for t_max: give t_max too."
-            )
-        if t_max is not None and t_max < shortest:
-            raise InputError(
-                f"t_max ({t_max:.4g}) is below {shortest:.4g}, the shortest time that these"
-                " eigenvalues suggest for t_min: give t_min too, or more eigenpairs."
-            )
-        t_min = shortest if t_min is None else t_min
-        t_max = longest if t_max is None else t_max
+        low = shortest if t_min is None else t_min
+        high = longest if t_max is None else t_max
+        if low > high:
+            fault = f"t_min ({low:.4g}) is above t_max ({high:.4g}), one of which is by default"
+            raise InputError("bounds-swapped", fault, "give both")
+        t_min, t_max = low, high
     return np.geomspace(t_min, t_max, n_scales)
 
 
 def check_times(t_min: float | None, t_max: float | None) -> None:
     """Raise `InputError` for times that are not positive, or out of order."""
     for bound, name in ((t_min, "t_min"), (t_max, "t_max")):
-        if bound is not None and not (np.isfinite(bound) and bound > 0.0):
-            raise InputError(f"{name} is {bound:g}: give a positive time, or none.")
+        if bound is not None:
+            check_positive(bound, name)
     if t_min is not None and t_max is not None and t_min > t_max:
-        raise InputError(f"t_min ({t_min:.4g}) is above t_max ({t_max:.4g}): swap them.")
+        fault = f"t_min ({t_min:.4g}) is above t_max ({t_max:.4g})"
+        raise InputError("bounds-swapped", fault, "swap them")
 
 
 def as_spectrum(eigenvalues: npt.ArrayLike) -> FloatArray:
     """Return eigenvalues as an array of shape (k,)."""
     spectrum = np.asarray(eigenvalues, dtype=np.float64)
     if spectrum.ndim != 1:
-        raise InputError(f"Eigenvalues have shape {spectrum.shape}: give a 1-D array.")
+        raise wrong_shape("Eigenvalues", spectrum.shape, "a 1-D array")
     return spectrum
 
 
@@ -143,14 +138,13 @@ def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
     except (TypeError, ValueError):
         parameters = np.empty(0)
     if parameters.ndim != 1 or not len(parameters):
-        raise InputError(f"Give a 1-D list of at least one {name}.")
+        raise wrong_shape(f"Values of {name}", parameters.shape, "a 1-D list of at least one")
     if len(parameters) > MOST_FILTERS:
-        raise InputError(
-            f"A column for each {name} would be {len(parameters):,} columns: give at most"
-            f" {MOST_FILTERS:,}."
-        )
+        fault = f"A column for each {name} would be {len(parameters):,} columns"
+        raise InputError("too-many-columns", fault, f"give at most {MOST_FILTERS:,}")
     if not (np.isfinite(parameters).all() and (parameters >= 0.0).all()):
-        raise InputError(f"A {name} is negative or not finite: {parameters.tolist()}.")
+        fault = f"A {name} is negative or not finite ({parameters.tolist()})"
+        raise InputError("out-of-range", fault, "give numbers from 0")
     return parameters
 
 
@@ -168,27 +162,24 @@ def checked_coefficients(returned: npt.ArrayLike, eigenvalues: FloatArray) -> Fl
     given = np.asarray(returned)
     if given.dtype.kind not in "biuf":
         described = f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
-        raise InputError(
-            f"The filter returned {described}: let it return real numbers, shape "
-            "(n_filters, n_eigenvalues)."
-        )
+        raise wrong_filter(described)
     coefficients = given.astype(np.float64)
     if coefficients.shape == eigenvalues.shape:
         coefficients = coefficients[np.newaxis]  # a single filter as a 1-D array
     k = len(eigenvalues)
     if coefficients.ndim != 2 or coefficients.shape[1] != k:
-        raise InputError(
-            f"The filter returned shape {given.shape} for {k} eigenvalues: it has to return one "
-            "row of coefficients per filter, shape (n_filters, n_eigenvalues)."
-        )
+        raise wrong_filter(f"shape {given.shape} for {k} eigenvalues")
     bad = np.argwhere(~np.isfinite(coefficients))
     if len(bad):
-        raise InputError(
-            f"The filter returned {coefficients[tuple(bad[0])]} for the eigenvalue "
-            f"{eigenvalues[bad[0][-1]]:.4g}: let it return finite numbers for every eigenvalue, "
-            "zero included."
-        )
+        at = f"{coefficients[tuple(bad[0])]} for the eigenvalue {eigenvalues[bad[0][-1]]:.4g}"
+        raise wrong_filter(at)
     return coefficients
+
+
+def wrong_filter(returned: str) -> InputError:
+    """Return the fault of a filter that returned something else than finite numbers."""
+    remedy = "let it return finite numbers, shape (n_filters, n_eigenvalues), for zero too"
+    return InputError("wrong-filter", f"The filter returned {returned}", remedy)
 
 
 @runtime_checkable
@@ -273,24 +264,22 @@ def wave_response(
     """Make the filters of `wave_kernel_bank` without normalisation."""
     spectrum = as_spectrum(eigenvalues)
     n_energies = whole_number(n_energies, "The number of energies", MOST_FILTERS)
-    _check_deviation(width, "width")
+    check_positive(width, "The width of the energy bands")
     first = first_nonzero_eigenvalue(spectrum)
     low, high = float(np.log(first)), float(np.log(spectrum.max()))
     if not high > low:
-        raise InputError(
-            "The wave kernel needs two different eigenvalues above zero: compute more eigenpairs."
-        )
+        fault = "The wave kernel needs two different eigenvalues above zero"
+        raise InputError("too-few-pairs", fault, "compute more eigenpairs")
     # As in the paper, the outermost centres are two deviations inside the range, and the deviation
     # is a multiple of the step between centres.
     if sigma is None:
         sigma = width * (high - low) / (n_energies - 1 + 4.0 * width)
     else:
-        _check_deviation(sigma, "sigma")
+        check_positive(sigma, "The sigma of the energy bands")
         if 4.0 * sigma >= high - low:
-            raise InputError(
-                f"sigma is {sigma:g}, and the eigenvalues reach over {high - low:.4g} in log λ: "
-                "give less than a quarter of that, or the energies too."
-            )
+            span = f"the eigenvalues reach over {high - low:.4g} in log λ"
+            remedy = "give less than a quarter of that, or the energies too"
+            raise InputError("out-of-range", f"sigma is {sigma:g}, and {span}", remedy)
     step = (high - low - 4.0 * sigma) / max(n_energies - 1, 1)
     energies = np.asarray(low + 2.0 * sigma + step * np.arange(n_energies), dtype=np.float64)
     return LogGaussianResponse(energies, sigma, 0.5 * first)
@@ -303,29 +292,23 @@ def wave_bands(
     try:
         centres = np.array(energies, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError("Energies are a list of numbers, logarithms of eigenvalues.") from None
+        centres = np.empty(0)
     with np.errstate(over="ignore", under="ignore"):
         places = np.exp(centres)
     if centres.ndim != 1 or not len(centres) or not np.isfinite(places).all() or not places.all():
         few = np.array2string(centres, precision=4, threshold=6, edgeitems=2, separator=", ")
-        raise InputError(
-            "Energies are a 1-D list of at least one natural logarithm of an eigenvalue: "
-            f"{few} is none."
-        )
+        wanted = "a 1-D list of at least one natural logarithm of an eigenvalue"
+        raise InputError("out-of-range", f"Energies are {few}", f"give {wanted}")
     if len(np.unique(centres)) < len(centres):
-        raise InputError("An energy comes twice: give each once.")
+        raise InputError("given-twice", "An energy is given twice", "give each once")
     if sigma is None:
-        _check_deviation(width, "width")
+        check_positive(width, "The width of the energy bands")
         if len(centres) == 1:
-            raise InputError("A single energy has no step that its width could follow: give sigma.")
+            fault = "A single energy has no step that its width could follow"
+            raise InputError("missing-argument", fault, "give sigma")
         sigma = width * float(np.ptp(centres)) / (len(centres) - 1)
-    _check_deviation(sigma, "sigma")
+    check_positive(sigma, "The sigma of the energy bands")
     return centres, float(sigma)
-
-
-def _check_deviation(given: float, name: str) -> None:
-    if not (np.isfinite(given) and given > 0.0):
-        raise InputError(f"The {name} of the energy bands is {given:g}: give a positive number.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -253,7 +253,8 @@ def band_pass_bank(low: float, high: float) -> FilterBank:
     """
     bounds = as_parameters([low, high], "bound of a band")
     if low > high:
-        raise InputError(f"The band from {low:g} to {high:g} is empty: swap its bounds.")
+        fault = f"The band from {low:g} to {high:g} is empty"
+        raise InputError("bounds-swapped", fault, "swap its bounds")
     columns = (f"band_pass_λ={'..'.join(short_texts(bounds))}",)
     centre = np.array([bounds.mean()])
     response = StepResponse(bounds[0], bounds[1], closed=True)
@@ -348,10 +349,8 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
     check_room(f"{counted(n_components, 'B-spline')}", 8.0 * n_components**2, fewer)
     low, high = float(e_min), float(e_max)
     if not (np.isfinite(low) and np.isfinite(high) and high > low):
-        raise InputError(
-            f"B-splines need a finite range of eigenvalues with e_max above e_min, not {low:g} to "
-            f"{high:g}."
-        )
+        fault = f"The eigenvalues of B-splines are from {low:g} to {high:g}"
+        raise InputError("bounds-swapped", fault, "give a finite range, with e_max above e_min")
     degree = min(_DEGREE, n_components - 1)
     # An additional interval at each end with zero coefficients makes SciPy's extrapolation zero.
     # Intervals are open at their right end, so the range ends one rounding unit after e_max.

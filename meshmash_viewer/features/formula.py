@@ -95,11 +95,15 @@ _MOSTLY = 0.8
 _LARGER = 1.7
 
 
+#: Remedy of a formula that cannot be read.
+_EXAMPLE = "write one such as exp(-2*t*x)"
+
+
 class FormulaError(InputError):
     """Error of a formula that cannot be parsed; `position` is the index of the wrong character."""
 
-    def __init__(self, message: str, position: int) -> None:
-        super().__init__(message)
+    def __init__(self, fault: str, remedy: str = "", position: int = 0) -> None:
+        super().__init__("unreadable-formula", fault, remedy)
         self.position = position
 
 
@@ -139,14 +143,11 @@ class Formula:
         except _NotAllowed as fault:
             position = _position(self.text, fault.column)
             at = printable(self.text[position : position + _QUOTED])
-            raise FormulaError(
-                f"The formula is wrong at character {position + 1}, {at}: {fault}.", position
-            ) from None
+            where = f"at character {position + 1}, {at}"
+            raise FormulaError(f"The formula is wrong {where}", str(fault), position) from None
         if len(self.parameters) > MOST_NAMES:
-            raise InputError(
-                f"The formula has {len(self.parameters)} parameters: give numbers for all but"
-                f" {MOST_NAMES} of them."
-            )
+            many = f"The formula has {len(self.parameters)} parameters"
+            raise InputError("too-many-names", many, f"give numbers for all but {MOST_NAMES}")
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -175,7 +176,7 @@ class Formula:
         wrong = np.flatnonzero(~np.isfinite(found))
         if len(wrong):
             first = wrong[np.argmax(spectrum[wrong] > 0.0)]  # λ = 0 has another remedy
-            raise InputError(self._complaint(spectrum[first], found[first]))
+            raise self._complaint(spectrum[first], found[first])
         return found
 
     def _limit(self, start: float, values: Mapping[str, float], otherwise: float) -> float:
@@ -208,15 +209,14 @@ class Formula:
         return dict(zip(self.parameters, _powers(self), strict=True))
 
     def _check_names(self, values: Mapping[str, object]) -> None:
+        written = f"The formula {printable(self.text)} has"
         for name in self.parameters:
             if name not in values:
-                raise InputError(
-                    f"The formula {printable(self.text)} has a parameter {name}: say what it is"
-                    " (--set, or a slider), or write x where λ is meant."
-                )
+                remedy = "say what it is (--set, or a slider), or write x where λ is meant"
+                raise InputError("missing-argument", f"{written} a parameter {name}", remedy)
         for name in values:
             if name not in self.parameters:
-                raise InputError(f"The formula {printable(self.text)} has no parameter {name}.")
+                raise InputError("unknown-name", f"{written} no parameter {name}")
 
     def sampled(self, eigenvalues: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Compute the filter at eigenvalues of shape (k,) without checks: shape (k,)."""
@@ -225,14 +225,12 @@ class Formula:
             found = _value(_parsed(self.text), {**names, **dict.fromkeys(_X, eigenvalues)})
         return np.broadcast_to(np.asarray(found, np.float64), eigenvalues.shape).copy()
 
-    def _complaint(self, eigenvalue: float, value: float) -> str:
-        at = f"at λ = {eigenvalue:.4g}"
-        what = "not a number" if np.isnan(value) else "infinite"
-        if eigenvalue == 0.0:
-            return f"The formula is {what} {at}: write where(x > 0, …, 0) around it."
-        if not self.parameters:
-            return f"The formula is {what} {at}: write where(…, …, 0) around it."
-        return f"The formula is {what} {at}: its parameters are too large or too small there."
+    def _complaint(self, eigenvalue: float, value: float) -> InputError:
+        fault = f"The formula is {'not a number' if np.isnan(value) else 'infinite'}"
+        remedy = "choose its parameters smaller or larger"
+        if eigenvalue == 0.0 or not self.parameters:
+            remedy = f"write where({'x > 0' if eigenvalue == 0.0 else '…'}, …, 0) around it"
+        return InputError("not-finite", f"{fault} at λ = {eigenvalue:.4g}", remedy)
 
 
 @dataclass(frozen=True)
@@ -297,7 +295,8 @@ def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
     columns = {name: np.atleast_1d(np.asarray(each, np.float64)) for name, each in values.items()}
     lists = [name for name, each in columns.items() if len(each) != 1]
     if len(lists) > 1:
-        raise InputError(f"Of {' and '.join(lists)} only one can be a list.")
+        fault = f"{' and '.join(lists)} are lists"
+        raise InputError("conflicting-arguments", fault, "give only one of them as a list")
     swept = (lists or list(formula.parameters) or [""])[0]
     places = as_parameters(columns.get(swept, [0.0]), f"value of {swept}")
     each = tuple(
@@ -335,9 +334,10 @@ def _powers(formula: Formula) -> tuple[int, ...]:
 def _parsed(text: str) -> ast.expr:
     """Return the syntax tree of a formula."""
     if not text.strip():
-        raise InputError("There is no formula: write one such as exp(-2*t*x), with x for λ.")
+        raise InputError("unreadable-formula", "There is no formula", f"{_EXAMPLE}, with x for λ")
     if len(text) > MOST_CHARACTERS:
-        raise InputError(f"The formula is longer than {MOST_CHARACTERS} characters: shorten it.")
+        fault = f"The formula is longer than {MOST_CHARACTERS} characters"
+        raise InputError("unreadable-formula", fault, "shorten it")
     written = "".join(_WRITTEN.get(each, each) for each in text.strip())
     try:
         with warnings.catch_warnings():
@@ -346,9 +346,7 @@ def _parsed(text: str) -> ast.expr:
     except SyntaxError as fault:
         raise _unreadable(text, fault) from None
     except (ValueError, RecursionError, MemoryError):
-        raise InputError(
-            f"The formula {printable(text)} cannot be read: write one such as exp(-2*t*x)."
-        ) from None
+        raise FormulaError(f"The formula {printable(text)} cannot be read", _EXAMPLE) from None
 
 
 def _unreadable(text: str, fault: SyntaxError) -> FormulaError:
@@ -357,11 +355,9 @@ def _unreadable(text: str, fault: SyntaxError) -> FormulaError:
         position = _position(text, len((fault.text or "")[: fault.offset - 1].encode()))
     else:  # the formula is incomplete
         position = len(text.rstrip()) - 1
-    position, remedy = next(_slips(text), (position, "write one such as exp(-2*t*x)"))
-    return FormulaError(
-        f"The formula {printable(text)} cannot be read at character {position + 1}: {remedy}.",
-        position,
-    )
+    position, remedy = next(_slips(text), (position, _EXAMPLE))
+    where = f"cannot be read at character {position + 1}"
+    return FormulaError(f"The formula {printable(text)} {where}", remedy, position)
 
 
 #: Names to use in place of words that Python reserves.
@@ -406,7 +402,8 @@ def _position(text: str, column: int) -> int:
 def _checked(node: ast.expr, depth: int) -> None:
     """Raise `_NotAllowed` for syntax that is not allowed, `InputError` for deep nesting."""
     if depth > _DEEPEST:
-        raise InputError(f"The formula is nested deeper than {_DEEPEST} levels: simplify it.")
+        fault = f"The formula is nested deeper than {_DEEPEST} levels"
+        raise InputError("unreadable-formula", fault, "simplify it")
     for part in _parts(node):
         _checked(part, depth + 1)
 

@@ -32,7 +32,7 @@ from scipy import sparse
 from scipy.spatial import KDTree
 
 from meshmash_viewer.arrays import FloatArray, IntArray, blocks
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, not_carried, other_mesh, wrong_shape
 from meshmash_viewer.features import MATCHED_COLUMNS
 from meshmash_viewer.features.copies import Placed, copied, nearest_by_position
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
@@ -46,6 +46,7 @@ from meshmash_viewer.spectral.eigenpairs import (
     as_two_eigenpairs,
     first_nonzero,
 )
+from meshmash_viewer.units import whole_number
 
 #: Number of eigenfunctions of each shape in the first map, and in the refined map.
 _FIRST, _LAST = 30, 150
@@ -140,9 +141,9 @@ class FunctionalMap:
         """
         given, at = np.asarray(values), self.matches.indices
         if doubt := AMBIGUOUS if self.ambiguous else self.matches.collapse(len(given)):
-            raise InputError(f"Nothing is carried by this match: {doubt}.")
+            raise not_carried(doubt)
         if not len(given) > at.max(initial=-1):
-            raise InputError(f"There are {len(given):,} values for more vertices.")
+            raise InputError("other-mesh", f"There are {len(given):,} values for more vertices")
         carried, missing = given[at], np.nan
         if not np.issubdtype(given.dtype, np.inexact):
             carried, missing = carried.astype(np.result_type(given.dtype, np.int8), copy=False), -1
@@ -180,10 +181,8 @@ class _Shape(Placed):
         positions, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
         if mesh is not None:
             if mesh.n_vertices != len(pairs.mass):
-                raise InputError(
-                    f"{mesh.name or 'A mesh'} has {mesh.n_vertices:,} vertices, its eigenpairs"
-                    f" {len(pairs.mass):,}: give the meshes that were decomposed."
-                )
+                name = mesh.name or "a mesh"
+                raise other_mesh(f"Eigenpairs of {name}", len(pairs.mass), mesh.n_vertices)
             place = np.full(len(pairs.mass), -1)
             place[used], positions = np.arange(len(used)), mesh.vertices[used]
             faces = place[mesh.faces]
@@ -279,7 +278,7 @@ def functional_map(
     known = len(shapes[0].eigenvalues)
     count = min(n_functions, known)
     if count < 2:
-        raise InputError("A functional map takes at least two eigenpairs of each shape.")
+        raise InputError("too-few-pairs", "A functional map takes at least two pairs of each shape")
     if bank is None:
         bank = wave_kernel_bank(shapes[0].eigenvalues, MATCHED_COLUMNS)
     top, step = shapes[0].eigenvalues[-1], max(bank.n_filters // _PRODUCTS, 1)
@@ -361,8 +360,7 @@ def zoomout(
     ((40, 40), 1.0)
     """
     first, second = as_two_eigenpairs("zoomout(first, second, start)", first, second, meshes)
-    if step < 1:
-        raise InputError(f"step is {step}: give at least 1.")
+    whole_number(step, "step")
     first_shape, second_shape = whole = _shapes_of(first, second, n_functions, meshes)
     last = len(first_shape.eigenvalues)
     some = first_shape.sampled()
@@ -454,13 +452,15 @@ def _checked(landmarks: npt.ArrayLike, first: _Shape, second: _Shape) -> tuple[I
     if not points.size:
         points = np.empty((0, 2), dtype=np.int64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.issubdtype(points.dtype, np.integer):
-        raise InputError("Landmarks are pairs of vertices, of the first and of the second.")
+        raise wrong_shape("Landmarks", points.shape, "pairs of vertices of both shapes")
     for shape, column in zip((first, second), points.T, strict=True):
         bad = np.setdiff1d(column, shape.vertices)
         if len(bad):
             raise InputError(
-                f"Vertex {bad[0]} cannot be a landmark: it does not exist, no face uses it, or it"
-                " is in a component of less than a hundredth of the area."
+                "vertex-unused",
+                f"Vertex {bad[0]} cannot be a landmark, as it does not exist, has no face, or"
+                " is in a component of less than a hundredth of the area",
+                "choose another",
             )
     return points[:, 0], points[:, 1]
 

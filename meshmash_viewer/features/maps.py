@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError, MissingValuesWarning
+from meshmash_viewer.errors import InputError, MissingValuesWarning, wrong_shape, wrong_type
 from meshmash_viewer.features.filter_responses import checked_coefficients
 from meshmash_viewer.spectral.eigenpairs import EigenpairsLike, as_eigenpairs
 from meshmash_viewer.vertex_map import VertexMap
@@ -95,14 +95,12 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     columns = _eigenvectors(eigenvectors)
     weights = np.asarray(coefficients, dtype=np.float64)
     if weights.ndim not in (1, 2) or len(weights) > columns.shape[1]:
-        raise InputError(
-            f"Coefficients of shape {weights.shape} do not match {columns.shape[1]} eigenvectors."
-        )
+        wanted = f"at most {columns.shape[1]}, one for each eigenvector"
+        raise wrong_shape("Coefficients", weights.shape, wanted)
     bad = np.argwhere(~np.isfinite(weights))
     if len(bad):
-        raise InputError(
-            f"Coefficient {bad[0][0]} is {weights[tuple(bad[0])]}: give finite coefficients."
-        )
+        fault = f"Coefficient {bad[0][0]} is {weights[tuple(bad[0])]}"
+        raise InputError("not-finite", fault, "give finite coefficients")
     return np.asarray(columns[:, : len(weights)] @ weights, dtype=np.float64)
 
 
@@ -153,10 +151,7 @@ def filter_map(
     """
     decomposition = as_eigenpairs("filter_map(pairs, values, response)", decomposition)
     if not callable(response):
-        raise InputError(
-            "The filter comes last, as filter_map(pairs, values, response): it is a FilterBank or "
-            f"another function of the eigenvalues, not of type {type(response).__name__}."
-        )
+        raise wrong_type("Last arguments of filter_map", type(response), "a filter")
     given = as_map_values(values, decomposition.rows.shape[1])
     weights = checked_coefficients(response(decomposition.eigenvalues), decomposition.eigenvalues)
     columns, mass = decomposition.eigenvectors, decomposition.mass
@@ -175,27 +170,23 @@ def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
 
     `InputError` is raised if the shape differs, or values are labels or not real numbers.
     """
-    wanted = f"shape ({n},)" + (f" or ({n}, d)" if columns else "")
+    wanted = f"one number per vertex, shape ({n},)" + (f" or ({n}, d)" if columns else "")
     if isinstance(given, VertexMap):
         if given.labels:
-            raise InputError(
-                f"Map {given.name!r} has labels, whose numbers are not values of a function."
-            )
+            fault = f"Map {given.name!r} has labels, whose numbers are not values of a function"
+            raise InputError("labels-not-values", fault, "give another map")
         given = given.values
     if hasattr(given, "tocsr") or callable(given):
-        raise InputError(
-            f"A map is an array of one number per vertex, {wanted}, not of type "
-            f"{type(given).__name__}: check the order of the arguments."
-        )
+        raise wrong_type("Values of a map", type(given), f"{wanted}, in this order")
     try:
         array = np.asarray(given)
         if array.dtype.kind not in "biufO":
             raise TypeError
         values = array.astype(np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"A map has one real number per vertex: {wanted}.") from None
+        raise InputError("wrong-type", "A map is not of real numbers", f"give {wanted}") from None
     if values.ndim not in ((1, 2) if columns else (1,)) or len(values) != n:
-        raise InputError(f"A map has one number per vertex: {wanted}, not {values.shape}.")
+        raise wrong_shape("Values of a map", values.shape, wanted)
     return values
 
 
@@ -225,7 +216,7 @@ def without_gaps(values: FloatArray, mass: FloatArray) -> FloatArray:
     if finite.all():
         return filled(values, mass)
     if not finite.any(axis=0).all():
-        raise InputError("The map has no finite value at any vertex of the surface.")
+        raise InputError("no-values", "The map has no finite value at any vertex of the surface")
     gaps = int((~(finite if finite.ndim == 1 else finite.all(axis=1))).sum())
     warnings.warn(
         f"{gaps:,} of {int(used.sum()):,} vertices of the surface have no finite value in the map: "
@@ -238,14 +229,9 @@ def without_gaps(values: FloatArray, mass: FloatArray) -> FloatArray:
 
 def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
     if hasattr(given, "tocsr") or hasattr(given, "eigenvectors"):
-        raise InputError(
-            "Eigenvectors come first, as a matrix of shape (n, k) such as `pairs.eigenvectors`, "
-            f"not of type {type(given).__name__}."
-        )
+        raise wrong_type("Eigenvectors", type(given), "a matrix such as `pairs.eigenvectors`")
     columns = np.asarray(given)
     if columns.ndim != 2 or columns.dtype.kind not in "iuf":
-        raise InputError(
-            f"Eigenvectors are the columns of a matrix of shape (n, k), not {columns.shape} of "
-            f"type {columns.dtype}."
-        )
+        fault = f"Eigenvectors have shape {columns.shape} and type {columns.dtype}"
+        raise InputError("wrong-shape", fault, "give a matrix of numbers, shape (n, k)")
     return columns

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray, exact_array
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, other_units, wrong_shape, wrong_type
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.quantities import parse_unit
@@ -48,8 +48,8 @@ _SAMPLE = 300
 class FarPointsError(InputError):
     """Error for points that are all far from the mesh; in `unit`, if not "", most would be near."""
 
-    def __init__(self, said: str, unit: str) -> None:
-        super().__init__(said)
+    def __init__(self, fault: str, remedy: str = "", unit: str = "") -> None:
+        super().__init__("far-from-mesh", fault, remedy)
         self.unit = unit
 
 
@@ -92,9 +92,9 @@ class Points:
     def __post_init__(self) -> None:
         given = np.array(self.positions, dtype=np.float64)
         if given.ndim != 2 or given.shape[1] != 3 or not len(given):
-            raise InputError(f"Points of shape {given.shape} are none: give positions (k, 3).")
+            raise wrong_shape("Points", given.shape, "x, y and z of each, shape (k, 3)")
         if bad := int(np.count_nonzero(~np.isfinite(given).all(axis=1))):
-            raise InputError(f"{counted(bad, 'point')} of {len(given):,} not finite: leave it out.")
+            raise InputError("not-finite", f"{counted(bad, 'point')} of {len(given):,} not finite")
         object.__setattr__(self, "positions", given)
 
     def __len__(self) -> int:
@@ -115,9 +115,7 @@ class Points:
         if own == mesh.unit:
             return self.positions * voxel
         if not (own and mesh.unit):
-            if own:
-                raise InputError(f"The mesh states no unit, and the points are in {own}: state it.")
-            raise InputError(f"The points have no unit, and the mesh is in {mesh.unit}: state it.")
+            raise other_units("The points and the mesh", own, mesh.unit, "state both units")
         return self.positions * voxel * 10.0 ** (METRES[own] - METRES[mesh.unit])
 
 
@@ -210,10 +208,8 @@ class ProjectedPoints:
         else:
             values = exact_array(labels.values if isinstance(labels, VertexMap) else labels)
             if values.shape != (self.mesh.n_vertices,):
-                raise InputError(
-                    f"Labels of shape {values.shape} do not fit {self.mesh.n_vertices:,} vertices:"
-                    " give one per vertex."
-                )
+                wanted = f"one for each of {self.mesh.n_vertices:,} vertices"
+                raise wrong_shape("Labels", values.shape, wanted)
             known = np.array([each not in (None, "") for each in values], dtype=np.bool_)
             groups = np.full(len(values), -1)
             names, groups[known] = np.unique(_alike(values[known]), return_inverse=True)
@@ -257,12 +253,13 @@ class ProjectedPoints:
         """
         ids = self.points.columns.get(self.points.id)
         if ids is None:
-            name = self.points.name or "The table"
-            raise InputError(f"{name} has no column id: rename the column of identifiers to id.")
+            fault = f"{self.points.name or 'The table'} has no column id"
+            raise InputError("no-column", fault, "rename the column of identifiers to id")
         if ids.dtype.kind not in "iu":
-            raise InputError(f"The column {self.points.id} is not a whole number in each row.")
+            fault = f"The column {self.points.id} is not a whole number in each row"
+            raise InputError("not-whole-numbers", fault)
         if len(ids) and int(ids.max()) >= 2**63:
-            raise InputError(f"The {self.points.id} {ids.max()} is not below 2**63, as in a map.")
+            raise InputError("not-exact", f"The {self.points.id} {ids.max()} is not below 2**63")
         # int64 and uint64 together would be converted to float64
         return np.column_stack([ids.astype(np.int64), self.file_vertices])[self.near]
 
@@ -305,7 +302,7 @@ def project_points(
         typical = 3.0 * math.sqrt(surface.area / surface.n_faces)
         limit = max(NEAR * float(np.linalg.norm(high - low)), typical)
     if not (is_real(limit) and limit >= 0.0):
-        raise InputError(f"The largest distance is {limit}: give a number from 0.")
+        raise InputError("out-of-range", f"max_distance is {limit}", "give a number from 0")
     used = np.flatnonzero(surface.referenced)
     tree = cKDTree(surface.vertices[used], compact_nodes=False, balanced_tree=False)
     far = np.nextafter(limit, np.inf)
@@ -321,9 +318,9 @@ def project_points(
     if not near.any():
         within = format_quantity(limit, surface.unit)
         of = f" of {table.name}" if table.name else ""
-        remedy = remark or "check the unit of the points, or allow a larger distance."
-        raise FarPointsError(f"No point{of} is within {within} of the mesh; {remedy}", unit)
-    said = (*table.remarks, remark) if remark else table.remarks
+        remedy = remark or "check the unit of the points, or allow a larger distance"
+        raise FarPointsError(f"No point{of} is within {within} of the mesh", remedy, unit)
+    said = (*table.remarks, f"{remark}.") if remark else table.remarks
     return ProjectedPoints(table, surface, places, vertices, distances, limit, said)
 
 
@@ -339,16 +336,14 @@ def _as_positions(given: npt.ArrayLike) -> FloatArray:
     try:
         return np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(
-            f"Positions are numbers of shape (k, 3), not {type(given).__name__}: read a table or"
-            " a file with read_points."
-        ) from None
+        wanted = "numbers of shape (k, 3), or read a table or a file with read_points"
+        raise wrong_type("Positions", type(given), wanted) from None
 
 
 def _elsewhere(
     mesh: Mesh, points: Points, tree: cKDTree, limit: float, outside: int, near: float
 ) -> tuple[str, str]:
-    """Return a sentence on points far from the mesh, and the unit in which most would be near.
+    """Return a clause on points far from the mesh, and the unit in which most would be near.
 
     `near` is the share of points that are near in the given unit.
     """
@@ -369,9 +364,9 @@ def _elsewhere(
     where = f"{outside:,} of {counted(len(points), 'point')} lie outside the box of the mesh"
     if share > max(0.5, 2.0 * near):
         remedy = f"in {unit} {format_share(share, 2)} are near it:"
-        remedy += " give this unit (--points-unit, unit=)."
+        remedy += " give this unit (--points-unit, unit=)"
         return (f"{where}, and {remedy}" if outside else remedy), unit
-    return (f"{where}: check their unit, or allow a larger distance." if outside else ""), ""
+    return (f"{where}: check their unit, or allow a larger distance" if outside else ""), ""
 
 
 def _is_numeric(values: npt.NDArray[Any]) -> bool:

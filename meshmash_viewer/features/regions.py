@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray, exact_array
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, other_mesh, unknown
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.curvature import neck_widths
 from meshmash_viewer.surface.edges import connected, edges_of, side_codes
@@ -66,7 +66,7 @@ class Regions:
     def __getitem__(self, column: str) -> npt.NDArray[Any]:
         """Return the values of a column, shape (k,)."""
         if column not in self.columns:
-            raise InputError(f"There is no column {column!r}: there are {', '.join(self.columns)}.")
+            raise unknown("column", column, self.columns)
         return self.columns[column]
 
     def mask(self, row: int) -> npt.NDArray[np.bool_]:
@@ -91,10 +91,8 @@ class Regions:
         [2]
         """
         if found.mesh.n_vertices != len(self.rows):
-            raise InputError(
-                f"The points are of a mesh of {found.mesh.n_vertices:,} vertices and the regions of"
-                f" one of {len(self.rows):,}: project them onto the same."
-            )
+            remedy = "project them onto the mesh of the regions"
+            raise other_mesh("The points", found.mesh.n_vertices, len(self.rows), remedy)
         more = found.sums(self.rows, len(self))
         said = list(self.remarks)
         if left := found.n_near - int(more["points"].sum()):
@@ -214,6 +212,9 @@ def regions(
     return Regions(columns, rows, replace(surface, maps=tuple(measured)), remarks)
 
 
+_LABELS = "give one whole number or name per vertex"
+
+
 def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
     """Convert labels to a map with labels; numbers without names are named by themselves."""
     if isinstance(given, VertexMap) and given.labels:
@@ -223,18 +224,13 @@ def label_map(given: VertexMap | npt.ArrayLike) -> VertexMap:
     if raw.ndim == 1 and raw.dtype.kind in "UO":
         return _named_labels(name, raw)
     if raw.dtype.kind not in "biuf" or raw.ndim != 1:
-        raise InputError(
-            f"Labels are one whole number or name per vertex, not {raw.dtype} of shape {raw.shape}."
-        )
+        raise InputError("not-labels", f"Labels have type {raw.dtype}, shape {raw.shape}", _LABELS)
     numbers = np.nan_to_num(raw) if raw.dtype.kind == "f" else raw
     if not np.array_equal(numbers, np.rint(numbers)):
-        raise InputError(
-            f"{name!r} has values that are no whole numbers, so they are not labels: give labels,"
-            " or round the values."
-        )
+        raise InputError("not-labels", f"{name!r} has values that are no whole numbers", _LABELS)
     labels = numbered_labels(numbers)
     if not labels:
-        raise InputError(f"{name!r} has no vertex with a label: all numbers are 0.")
+        raise InputError("no-labels", f"{name!r} has no vertex with a label, all numbers are 0")
     return VertexMap(name, numbers, labels)
 
 
@@ -245,7 +241,7 @@ def _named_labels(name: str, given: npt.NDArray[Any]) -> VertexMap:
         return label_map(np.where(known, given, 0).astype(np.int64))
     if not all(isinstance(each, str) for each in given[known]):
         kinds = sorted({type(each).__name__ for each in given[known]})
-        raise InputError(f"Labels are one whole number or name per vertex, not {kinds[0]}.")
+        raise InputError("not-labels", f"Labels have type {kinds[0]}", _LABELS)
     names, places = np.unique(given[known].astype(str), return_inverse=True)
     numbers = np.zeros(len(given), dtype=np.int64)
     numbers[known] = places + 1
@@ -263,10 +259,8 @@ def _rows(mesh: Mesh, known: VertexMap, whole: bool) -> tuple[IntArray, IntArray
         return rows - without, label[without:]
     faces = mesh.faces[_whole_faces(mesh, places)]
     if not len(faces):
-        raise InputError(
-            f"Map {known.name!r} has no face whose three corners have the same label: labels of"
-            " single vertices are no regions."
-        )
+        fault = f"Map {known.name!r} has no face whose three corners have the same label"
+        raise InputError("no-regions", fault, "label whole faces")
     used = np.unique(faces)
     ends = np.append(faces[:, 0], faces[:, 1]), np.append(faces[:, 1], faces[:, 2])
     groups = np.unique(connected(*ends, mesh.n_vertices)[used], return_inverse=True)[1]

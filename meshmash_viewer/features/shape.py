@@ -14,13 +14,13 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from meshmash_viewer.arrays import FloatArray, blocks, check_vertex
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, other_mesh, other_units, wrong_shape
 from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
 from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, check_cancelled
 from meshmash_viewer.spectral.eigenpairs import EigenpairsLike, as_eigenpairs
-from meshmash_viewer.units import counted
+from meshmash_viewer.units import check_number, counted, whole_number
 
 #: `Features`, or their values alone, shape (n, f).
 FeaturesLike: TypeAlias = Any
@@ -169,15 +169,8 @@ def low_pass_vertices(mesh: MeshLike, decomposition: EigenpairsLike, n: int) -> 
     mesh = as_mesh(mesh)
     decomposition = as_eigenpairs("low_pass_vertices(mesh, pairs, n)", decomposition, mesh)
     if decomposition.rows.shape[1] != mesh.n_vertices:
-        raise InputError(
-            f"The eigenpairs are of {decomposition.rows.shape[1]} vertices, the mesh has "
-            f"{mesh.n_vertices}: decompose this mesh."
-        )
-    if not 1 <= n <= decomposition.n_components:
-        raise InputError(
-            f"{n} eigenpairs were requested: give 1 to {decomposition.n_components}, or compute "
-            "more."
-        )
+        raise other_mesh("The eigenpairs", decomposition.rows.shape[1], mesh.n_vertices)
+    whole_number(n, "The number of eigenpairs", decomposition.n_components)
     sums = Reconstruction(mesh, decomposition.rows, decomposition.mass)
     for _ in sums.move_to(n):
         pass
@@ -229,18 +222,16 @@ def spectral_distance(
 
     meshes = as_mesh(mesh_a), as_mesh(mesh_b)
     if not normalize and meshes[0].unit != meshes[1].unit:
-        raise InputError(
-            f"The meshes are in {meshes[0].unit or 'no unit'} and {meshes[1].unit or 'no unit'}: "
-            "convert them to one unit, or use normalize=True."
-        )
+        remedy = "convert them to one unit, or use normalize=True"
+        raise other_units("The meshes", meshes[0].unit, meshes[1].unit, remedy)
     spectra = []
     for mesh in meshes:
         count = int(np.count_nonzero(compute_vertex_areas(mesh)))
         if count < n_components:
-            raise InputError(
-                f"A mesh has only {counted(count, 'vertex')} with area, fewer than the"
-                f" {n_components:,} eigenvalues to compare: ask for fewer."
+            fault = (
+                f"A mesh has only {counted(count, 'vertex')} with area for {n_components:,} pairs"
             )
+            raise InputError("too-few-vertices", fault, "ask for fewer")
         stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
         spectrum = solve(stiffness, mass, n_components).eigenvalues
         spectra.append(spectrum * (mass.diagonal().sum() if normalize else 1.0))
@@ -284,15 +275,13 @@ def match_features(
     """
     values_a, values_b = _values(a), _values(b)
     if values_a.shape[1] != values_b.shape[1]:
-        raise InputError(
-            f"Features of {values_a.shape[1]} and {values_b.shape[1]} columns cannot be matched: "
-            "make both with the same filters."
-        )
-    if not 0.0 <= quantile <= 1.0:
-        raise InputError(f"quantile is {quantile}: give a share from 0 to 1.")
+        columns = f"{values_a.shape[1]} and {values_b.shape[1]} columns"
+        fault = f"Features of {columns} cannot be matched"
+        raise InputError("other-columns", fault, "make both with the same filters")
+    check_number(quantile, "quantile", 0.0, 1.0)
     rows_a, rows_b = (np.flatnonzero(np.isfinite(v).all(axis=1)) for v in (values_a, values_b))
     if not (len(rows_a) and len(rows_b)):
-        raise InputError("One of the two shapes has no vertex with features to match.")
+        raise InputError("no-values", "One of the shapes has no vertex with features to match")
     scale = column_spread(values_b[rows_b]) if standardize else 1.0
     tree = KDTree(values_b[rows_b] / scale)
     distances = np.empty(len(rows_a))
@@ -370,7 +359,7 @@ def feature_distance(
     values = _values(features)
     check_vertex(vertex, len(values))
     if not np.isfinite(values[vertex]).all():
-        raise InputError(f"Vertex {vertex} has no features: no face uses it.")
+        raise InputError("vertex-unused", f"Vertex {vertex} has no features, as no face uses it")
     used = np.isfinite(values).all(axis=1)
     scale = column_spread(values[used]) if standardize else 1.0
     return np.asarray(np.linalg.norm((values - values[vertex]) / scale, axis=1), dtype=np.float64)
@@ -379,7 +368,7 @@ def feature_distance(
 def _values(features: FeaturesLike) -> FloatArray:
     values = np.asarray(features, dtype=np.float64)
     if values.ndim != 2:
-        raise InputError(f"Features have one row per vertex, shape (n, f), not {values.shape}.")
+        raise wrong_shape("Features", values.shape, "one row per vertex, shape (n, f)")
     return values
 
 

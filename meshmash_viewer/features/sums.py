@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, blocks
-from meshmash_viewer.errors import InputError, package_missing
+from meshmash_viewer.errors import InputError, package_missing, wrong_shape
+from meshmash_viewer.features.filter_responses import wrong_filter
 from meshmash_viewer.features.truncation import (
     Truncation,
     check_tail,
@@ -88,10 +89,7 @@ class Features:
 
     def __post_init__(self) -> None:
         if self.values.ndim != 2 or self.values.shape[1] != len(self.columns):
-            raise InputError(
-                f"Features of shape {self.values.shape} do not match {len(self.columns)} column "
-                "names: give one name for each column."
-            )
+            raise wrong_shape("Features", self.values.shape, f"{len(self.columns)} columns")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -161,10 +159,8 @@ class Features:
             without the estimate, even if the estimate was added to it (``tail="weyl"``).
         """
         if self.truncation is None:
-            raise InputError(
-                "The truncation error is not known: the values of these filters beyond the last "
-                "eigenvalue are not known, or the pairs are not the lowest."
-            )
+            fault = "The truncation error of these filters or pairs is not known"
+            raise InputError("no-estimate", fault, "use other filters, and the lowest pairs")
         remainder = self.truncation.remainder
         values = self.values[:, : len(self.truncation.columns)]
         return remainder.estimate(values), remainder.bound(values)
@@ -353,10 +349,7 @@ def accumulate_features(
     weights = np.asarray(coefficients, dtype=np.float64)
     k = len(rows)
     if weights.ndim != 2 or weights.shape[1] != k:
-        raise InputError(
-            f"The filter returned shape {weights.shape} for {k} eigenvalues: it has to return one "
-            "row of coefficients for each filter, shape (n_filters, n_eigenvalues)."
-        )
+        raise wrong_filter(f"shape {weights.shape} for {k} eigenvalues")
     check_columns(rows.shape[1], len(weights))
     sums = sum_squares(rows, weights, np.float64, order="F", negligible=0.0, density=density)
     return np.asarray(sums, dtype=np.float64).T

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, blocks
-from meshmash_viewer.errors import InputError, TruncationWarning, of_mesh
+from meshmash_viewer.errors import InputError, TruncationWarning, of_mesh, unknown
 from meshmash_viewer.spectral.weyl import (
     TOLERANCE,
     Target,
@@ -347,9 +347,10 @@ def percent(share: float) -> str:
 def check_tail(tail: str | None, kind: str) -> None:
     """Raise `InputError` for an unknown `tail`, or a `tail` for features other than HKS."""
     if tail not in (None, "weyl"):
-        raise InputError(f'tail is {tail!r}: give "weyl" or None.')
+        raise unknown("tail", tail, ('"weyl"', None))
     if tail is not None and kind != "hks":
-        raise InputError(f'tail="weyl" is for heat kernel signatures, not for {kind}.')
+        fault = f'tail="weyl" is for heat kernel signatures, not for {kind}'
+        raise InputError("conflicting-arguments", fault)
 
 
 def warn_of_truncation(

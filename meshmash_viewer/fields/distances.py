@@ -38,10 +38,11 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, weyl_eigenvalue
 from meshmash_viewer.surface.geodesics import GeodesicSolver
-from meshmash_viewer.units import counted, format_quantity
+from meshmash_viewer.units import check_positive, counted, format_quantity
 
 #: Number of arrow-key steps from the shortest to the longest time.
 _STEPS = 32
+_FROM = "A distance is from a vertex"
 
 
 @dataclass(frozen=True)
@@ -251,20 +252,22 @@ class Distances(Family):
         vertices = tuple(chosen.get("vertices", ()))
         measure, time = chosen.get("measure", cls.measure), chosen.get("time")
         if n_columns is not None:
-            raise InputError("Distances have one column for each --vertex: omit --n-components.")
+            fault = "Distances have one column for each --vertex"
+            raise InputError("conflicting-arguments", fault, "omit --n-components")
         if not vertices or len(set(vertices)) < len(vertices):
-            raise InputError("A distance is from a vertex: give --vertex, from 0, each once.")
+            raise InputError("no-vertices", _FROM, "give --vertex, from 0, each once")
         if time is not None and measure != "diffusion":
-            raise InputError(f"--time is for --distance diffusion, not for {measure}.")
-        if time is not None and not 0.0 < time < math.inf:
-            raise InputError(f"--time must be positive, not {time:g}.")
+            fault = f"--time is for --distance diffusion, not for {measure}"
+            raise InputError("conflicting-arguments", fault)
+        if time is not None:
+            check_positive(time, "--time")
         return cls(measure, vertices[0], time, vertices)
 
     @property
     def _origins(self) -> tuple[int, ...]:
         found = self.vertices or (() if self.vertex is None else (self.vertex,))
         if not found:
-            raise InputError("A distance is from a vertex: pin one on the render.")
+            raise InputError("no-vertices", _FROM, "pin one on the render")
         return found
 
     def check_mesh(self, mesh: Mesh) -> None:

@@ -335,17 +335,14 @@ class Filters(BankFamily):
             name, _, text = given.partition("=")
             if name not in family.formula.parameters:
                 known = ", ".join(family.formula.parameters) or "none"
-                raise InputError(
-                    f"--set {given}: {family.text} has no parameter {name}; it has {known}."
-                )
+                fault = f"--set {given}: {family.text} has no parameter {name}"
+                raise InputError("unknown-name", fault, f"give one of {known}")
             ends = _ends(given, name, text, family.formula.powers[name], unit)
             if len(ends) == 1:
                 values[name] = ends[0]
             elif name != family.first or not 0.0 < ends[0] < ends[1]:
-                raise InputError(
-                    f"--set {given}: a range is for {family.first}, from a positive number to a"
-                    " larger one."
-                )
+                remedy = f"give a range of {family.first}, from a positive number to a larger one"
+                raise InputError("out-of-range", f"--set {given} is no range", remedy)
             else:
                 family = replace(family, automatic=False, low=ends[0], high=ends[1])
         return family.with_values(**values)
@@ -403,13 +400,13 @@ class Filters(BankFamily):
 
 
 def _ends(given: str, name: str, text: str, power: int, unit: str | None) -> list[float]:
-    """Parse the value of a parameter on the command line, or the two ends of its range."""
+    wanted = f"--set {given} is not {name}=3e6 or {name}=1e5:1e7"
     try:
         ends = [parse_quantity(end, power) for end in text.split(":")]
     except InputError as fault:
-        raise InputError(f"--set {given} is not {name}=3e6 or {name}=1e5:1e7: {fault}") from None
+        raise fault.of(wanted) from None
     if len(ends) > 2:
-        raise InputError(f"--set {given} is not {name}=3e6 or {name}=1e5:1e7.")
+        raise InputError("out-of-range", wanted)
     return [end.in_unit(end.unit if unit is None else unit) for end in ends]
 
 

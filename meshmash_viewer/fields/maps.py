@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, unknown
 from meshmash_viewer.features.filter_responses import TailedResponse
 from meshmash_viewer.features.map_spectrum import (
     MapSpectrum,
@@ -430,15 +430,11 @@ class OwnMaps(Family):
     def check_mesh(self, mesh: Mesh) -> None:
         names = [*(each.name for each in mesh.maps), *CURVATURES]
         if self.chosen and self.chosen not in names:
-            raise InputError(
-                f"{mesh.name} has no map {self.chosen!r}; its maps are {', '.join(names)}."
-            )
+            raise unknown("map", self.chosen, names)
         shown = next((each for each in mesh.maps if each.name == (self.chosen or names[0])), None)
         if self.view != "map" and shown is not None and shown.labels:
-            raise InputError(
-                f"{shown.name} contains labels, which have no expansion in eigenpairs: omit"
-                " --view, or choose another map."
-            )
+            fault = f"{shown.name} contains labels, which have no expansion in eigenpairs"
+            raise InputError("labels-not-values", fault, "omit --view, or choose another map")
 
     def script(self, spectrum: Eigenpairs) -> list[str]:
         if self.shown is None:

@@ -108,7 +108,8 @@ class ScaleInvariantHKS(Columns):
         """Compute the exported columns, for which no truncation error is known."""
         assert pairs is not None
         if summed.get("drop_first"):
-            raise InputError("--drop-first is not for sihks, which needs the first pair.")
+            fault = "--drop-first is not for sihks, which needs the first pair"
+            raise InputError("conflicting-arguments", fault)
         return scale_invariant_hks(pairs, self.count)
 
     def exported_columns(self, spectrum: Eigenpairs, unit: str) -> tuple[tuple[str, ...], str]:

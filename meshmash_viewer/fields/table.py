@@ -111,21 +111,18 @@ def chosen_columns(text: str, most: int) -> range:
         if not 1 <= len(parts) <= 3 or (len(parts) == 1 and numbers[0] is None):
             raise ValueError
     except ValueError:
-        raise InputError(
-            f"{text!r} is not a range of columns: write START:STOP or START:STOP:STEP, such as"
-            " 0:32:4, or one number."
-        ) from None
+        remedy = "write START:STOP or START:STOP:STEP, such as 0:32:4, or one number"
+        raise InputError("no-columns", f"{text!r} is not a range of columns", remedy) from None
     start, stop, step = (*numbers, None, None)[:3]
     if len(parts) == 1 and start is not None:
         stop = start + 1
     start, stop, step = start or 0, most if stop is None else stop, 1 if step is None else step
     if step < 1 or start < 0 or stop <= start:
-        raise InputError(f"{text!r} selects no column: START must be from 0 and below STOP.")
+        fault = f"{text!r} selects no column"
+        raise InputError("no-columns", fault, "give START from 0, and below STOP")
     if stop > most:
-        raise InputError(
-            f"{text!r} goes beyond the {counted(most, 'column')}: the last that STOP may be is"
-            f" {most}."
-        )
+        fault = f"{text!r} goes beyond the {counted(most, 'column')}"
+        raise InputError("no-columns", fault, f"give STOP up to {most}")
     return range(start, stop, step)
 
 
@@ -150,10 +147,10 @@ def sweep(
     places = [low + way * frame / max(frames - 1, 1) for frame in range(frames)]
     found = [first.at_place(spectrum, place) for place in places]
     if len(set(found)) < frames:
-        raise InputError(
-            f"{counted(frames, 'frame')} are more than the {counted(len(columns), 'column')}"
-            " shown: choose fewer seconds, a lower rate or more columns."
+        what = (
+            f"{counted(frames, 'frame')} are more than the {counted(len(columns), 'column')} shown"
         )
+        raise InputError("too-many-frames", what, "choose fewer seconds or more columns")
     return found
 
 
@@ -188,8 +185,7 @@ def n_frames(rate: float, seconds: float) -> int:
     """
     frames = rate * seconds
     if not (rate > 0.0 and seconds > 0.0 and frames <= _MOST_FRAMES):
-        raise InputError(
-            f"Duration ({seconds:g} s) and frame rate ({rate:g}/s) must be positive, with at most"
-            f" {_MOST_FRAMES:,} frames."
-        )
+        fault = f"Duration is {seconds:g} s and frame rate {rate:g}/s"
+        remedy = f"give positive ones, with at most {_MOST_FRAMES:,} frames"
+        raise InputError("out-of-range", fault, remedy)
     return max(round(frames), 1)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, MeshWarning, of_mesh, require
+from meshmash_viewer.errors import InputError, MeshWarning, of_mesh, require, unknown, wrong_type
 from meshmash_viewer.features.domains import checked_labels, domain_means
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.features.sums import Features
@@ -29,7 +29,7 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import EigenpairsLike
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.units import counted, format_quantity, format_range
+from meshmash_viewer.units import check_number, counted, format_quantity, format_range
 from meshmash_viewer.vertex_map import Label, VertexMap, labels_in_use, unused_number
 
 #: Minimum number of labelled vertices of a class.
@@ -219,11 +219,8 @@ def train_classes(
     """
     require("Learning classes needs", "learn", "sklearn")
     if classifier not in CLASSIFIERS:
-        raise InputError(
-            f"There is no classifier {classifier!r}: the classifiers are {', '.join(CLASSIFIERS)}."
-        )
-    if not 0.0 <= smoothing < np.inf:
-        raise InputError(f"smoothing is {smoothing:g}: give a length, or 0 for none.")
+        raise unknown("classifier", classifier, CLASSIFIERS)
+    check_number(smoothing, "smoothing")
     several: list[Any] = [meshes, labels, pairs, features]
     first: Any = next(iter(labels), None) if isinstance(labels, Iterable) else None
     if not isinstance(first, VertexMap) and np.ndim(first) == 0:
@@ -232,7 +229,7 @@ def train_classes(
     known, done = (list(each or [None] * len(given)) for each in several[2:])
     if not len(given) == len(sets) == len(known) == len(done) > 0:
         said = f"{counted(len(given), 'mesh')} and {counted(len(sets), 'set')} of labels"
-        raise InputError(f"There are {said}: give each mesh its own, and its own results.")
+        raise InputError("unequal-lists", f"There are {said}", "give one for each mesh")
     of_meshes = zip(given, sets, strict=True)
     sets = [mesh.with_maps(label_map(each)).maps[-1] for mesh, each in of_meshes]
     classes, places = _classes_of(sets)
@@ -305,14 +302,9 @@ def predict_classes(
     (True, 4)
     """
     if not isinstance(model, ClassModel):
-        raise InputError(
-            "A model is the result of train_classes, or of read_classes for a file, not of type"
-            f" {type(model).__name__}."
-        )
+        raise wrong_type("Models", type(model), "the result of train_classes or read_classes")
     if not (features is None or isinstance(features, Features)):
-        raise InputError(
-            f"features are the result of model.columns.compute, not {type(features).__name__}."
-        )
+        raise wrong_type("Features", type(features), "the result of model.columns.compute")
     mesh = as_mesh(mesh)
     model.check_mesh(mesh)
     remark = model.resolution_remark(mesh)
@@ -351,11 +343,8 @@ def _matching(features: Features, model: ClassModel) -> npt.NDArray[Any]:
     if features.columns == names:
         return features.values
     if missing := [name for name in names if name not in features.columns]:
-        raise InputError(
-            f"The features have no column {missing[0]!r}, which the model was trained with, and"
-            f" {counted(len(missing) - 1, 'other')} of its columns: compute them with"
-            " model.columns.compute."
-        )
+        fault = f"The features have no column {missing[0]!r}, which the model was trained with"
+        raise InputError("no-column", fault, "compute them with model.columns.compute")
     return features.values[:, [features.columns.index(name) for name in names]]
 
 
@@ -391,10 +380,9 @@ def _classes_of(sets: Sequence[VertexMap]) -> tuple[tuple[Label, ...], list[IntA
 def _check_classes(places: IntArray, classes: Sequence[Label]) -> None:
     if len(classes) < 2:
         only = "".join(f"All labelled vertices are {each.name!r}" for each in classes)
-        raise InputError(f"{only or 'No vertex is labelled'}: label some of at least two classes.")
+        fault = only or "No vertex is labelled"
+        raise InputError("too-few-labels", fault, "label some of at least two classes")
     for place, each in enumerate(classes):
         if (count := int(np.count_nonzero(places == place))) < _LEAST:
-            raise InputError(
-                f"Class {each.name!r} has {counted(count, 'vertex')} on the surface: label at least"
-                f" {_LEAST}."
-            )
+            fault = f"Class {each.name!r} has {counted(count, 'vertex')} on the surface"
+            raise InputError("too-few-labels", fault, f"label at least {_LEAST}")

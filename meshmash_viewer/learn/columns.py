@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, unknown
 from meshmash_viewer.features.filter_responses import MOST_FILTERS, check_times, hks_time_range
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank, wave_kernel_bank
 from meshmash_viewer.features.sums import Features, accumulate_features
@@ -25,7 +25,13 @@ from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike, Rows, as_eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.surface.curvature import gaussian_curvature, mean_curvature
-from meshmash_viewer.units import LENGTH_UNITS, METRES, format_quantity, whole_number
+from meshmash_viewer.units import (
+    LENGTH_UNITS,
+    METRES,
+    check_positive,
+    format_quantity,
+    whole_number,
+)
 
 #: Standard deviation of wave kernel bands, relative to the spacing of their energies.
 _WIDTH = 2.0
@@ -102,17 +108,17 @@ class ClassColumns:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kinds", tuple(self.kinds))
-        unknown = [kind for kind in self.kinds if kind not in KINDS]
-        if unknown or not self.kinds or len(set(self.kinds)) < len(self.kinds):
-            given = ", ".join(map(str, unknown or self.kinds)) or "none"
-            raise InputError(f"{given}: give different kinds of columns out of {', '.join(KINDS)}.")
+        wrong = [kind for kind in self.kinds if kind not in KINDS]
+        if wrong or not self.kinds or len(set(self.kinds)) < len(self.kinds):
+            given = ", ".join(map(str, wrong or self.kinds)) or "none"
+            remedy = f"give different ones out of {', '.join(KINDS)}"
+            raise InputError("unknown-name", f"Kinds of columns are {given}", remedy)
         check_times(self.t_min, self.t_max)
         if not self.t_min < self.t_max:
-            raise InputError(f"t_min ({self.t_min:g}) must be below t_max ({self.t_max:g}).")
-        if not 0.0 < self.max_eigenvalue < math.inf:
-            raise InputError(f"max_eigenvalue is {self.max_eigenvalue:g}: give a positive one.")
+            raise InputError("bounds-swapped", f"t_min is t_max, {self.t_min:g}", "give a range")
+        check_positive(self.max_eigenvalue, "max_eigenvalue")
         if self.unit not in LENGTH_UNITS:
-            raise InputError(f"{self.unit!r} is no unit of length: give one of nm, µm, mm, m.")
+            raise unknown("unit of length", self.unit, filter(None, LENGTH_UNITS))
         for name in ("n_times", "n_lengths"):
             whole_number(getattr(self, name), name, MOST_FILTERS)
 
@@ -188,16 +194,13 @@ class ClassColumns:
         """Raise `InputError` if these columns cannot be converted to the unit of a mesh."""
         if mesh.unit and self.unit:
             return
-        name = mesh.name or "The mesh"
         if self.unit:
-            raise InputError(
-                f"{name} has no unit of length, and the times of the columns are in"
-                f" {self.unit}²: say in which unit its coordinates are (--unit, unit=)."
-            )
-        raise InputError(
-            f"The times of the columns have no unit of length, so they mean nothing on {name}:"
-            " train again with meshes whose unit is stated (--unit, unit=)."
-        )
+            of_columns = f"the times of the columns are in {self.unit}²"
+            fault = f"{mesh.name or 'The mesh'} has no unit of length, and {of_columns}"
+            raise InputError("no-unit", fault, "state the unit of its coordinates (--unit, unit=)")
+        fault = f"The columns have no unit of length, so they cannot be compared with {mesh.name}"
+        remedy = "train again with meshes whose unit is stated (--unit, unit=)"
+        raise InputError("no-unit", fault, remedy)
 
     def compute(
         self,
@@ -370,8 +373,9 @@ def diffused(
         M=sparse.diags_array(np.repeat(1.0 / system.diagonal(), shape[1])),
     )
     if failed:
-        raise InputError(
-            f"Smoothing over {length:g} did not converge in {_STEPS:,} steps: take a shorter"
-            " length, or repair the mesh (`meshmash-viewer info` counts its defects)."
+        fault = f"Smoothing over {length:g} did not converge in {_STEPS:,} steps"
+        remedy = (
+            "take a shorter length, or repair the mesh (`meshmash-viewer info` counts its defects)"
         )
+        raise InputError("not-solvable", fault, remedy)
     return np.asarray(found.reshape(shape) * size)

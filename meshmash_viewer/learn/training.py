@@ -209,10 +209,8 @@ class Training:
             own = places == place
             _, inverse, sizes = np.unique(self.stroke[own], return_inverse=True, return_counts=True)
             if len(sizes) < 2:
-                raise InputError(
-                    f"There are no scores yet: {name!r} has {counted(len(sizes), 'stroke')}, and"
-                    " one has to be left out to test; label another place of it."
-                )
+                fault = f"There are no scores yet, as {name!r} has {counted(len(sizes), 'stroke')}"
+                raise InputError("too-few-labels", fault, "label another place of it")
             rank = np.argsort(np.argsort(-sizes, kind="stable"))
             folds[own] = rank[inverse] % _FOLDS
         return folds, "strokes"
@@ -258,17 +256,13 @@ def _check_columns(values: FloatArray, names: Sequence[str], subject: str) -> No
     """Raise `InputError` if values are missing or all columns constant; warn if some are."""
     missing = np.flatnonzero(~np.isfinite(values).all(axis=0))
     if len(missing):
-        raise InputError(
-            f"{subject}column {names[missing[0]]} has no value at some labelled vertices: take"
-            " other columns, or repair the mesh."
-        )
+        fault = f"{subject}column {names[missing[0]]} has no value at some labelled vertices"
+        raise InputError("no-values", fault, "take other columns, or repair the mesh")
     size = np.abs(values).max(axis=0)
     constant = np.flatnonzero(np.ptp(values, axis=0) <= _SAME * size)
     if len(constant) == len(names):
-        raise InputError(
-            f"{subject}all columns are the same at all labelled vertices, so nothing can be learned"
-            " from them: take other times or other kinds of columns."
-        )
+        fault = f"{subject}all columns are the same at all labelled vertices"
+        raise InputError("constant-columns", fault, "take other times or other kinds of columns")
     if len(constant):
         said = ", ".join(names[at] for at in constant[:3]) + (", …" if len(constant) > 3 else "")
         said = f"{subject}{counted(len(constant), 'column')} ({said}) the same at all labelled"

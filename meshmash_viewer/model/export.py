@@ -172,12 +172,8 @@ def stored_pairs(
     )
     if pairs is not None and len(pairs) == count:
         return pairs
-    if damage:
-        raise InputError(
-            "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
-            " which keeps the intact ones."
-        )
-    raise InputError("The eigenpairs of this mesh are no longer in the cache: compute them again.")
+    what = "damaged on the disk" if damage else "no longer in the cache"
+    raise InputError("no-eigenpairs", f"Eigenpairs of this mesh are {what}", "compute them again")
 
 
 @dataclass(frozen=True, eq=False)

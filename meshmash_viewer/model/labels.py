@@ -14,7 +14,7 @@ import numpy.typing as npt
 from psygnal import Signal
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, unknown
 from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
@@ -123,7 +123,7 @@ class Labels:
         """Add a set with one label without vertices, and display it."""
         mesh = self._opened.mesh
         if mesh is None:
-            raise InputError("There is no mesh to label: open one first.")
+            raise InputError("no-mesh", "There is no mesh to label", "open one first")
         first = Label(1, "label 1", PIN_COLORS[0])
         self._maps.add(mesh, [VertexMap("labels", np.zeros(mesh.n_vertices), (first,))])
 
@@ -154,7 +154,7 @@ class Labels:
         taken = [label.name for label in self._set.labels if label.key != key]
         wanted = distinct_name(name, ())
         if not wanted:
-            raise InputError("A label needs a name: type one.")
+            raise InputError("missing-argument", "A label needs a name", "type one")
         name = distinct_name(name, taken)
         self._change_one("name of a label", key, name=name)
         if name != wanted:
@@ -174,7 +174,9 @@ class Labels:
     def join(self, keys: Sequence[int]) -> None:
         """Assign the vertices of some labels to the first label, and remove the other labels."""
         if len(keys) < 2:
-            raise InputError("At least two labels are needed to join: choose them in the list.")
+            raise InputError(
+                "no-labels", "Two or more labels are needed", "choose them in the list"
+            )
         self._refuse_locked(keys)
         self._merge("joining of labels", keys[1:], keys[0])
 
@@ -183,7 +185,7 @@ class Labels:
         """Remove labels from their vertices and the set; remove a set without labels."""
         known = self._set
         if not keys:
-            raise InputError("No label is chosen: choose the labels to delete in the list.")
+            raise InputError("no-labels", "No label is chosen", "choose labels in the list")
         self._refuse_locked(keys)
         if {label.key for label in known.labels} <= set(keys):
             self._maps.remove(known.name)
@@ -227,8 +229,8 @@ class Labels:
         """Assign the selected vertices to the label at a position of the list, from 1."""
         labels = self._set.labels
         if number > len(labels):
-            said = f"There is no label {number}, as there are {counted(len(labels), 'label')}"
-            raise InputError(f"{said}: make one with New label.")
+            fault = f"There is no label {number}, as there are {counted(len(labels), 'label')}"
+            raise InputError("unknown-name", fault, "make one with New label")
         self.assign(labels[number - 1].key)
 
     @_said
@@ -285,26 +287,26 @@ class Labels:
     @property
     def _set(self) -> VertexMap:
         if (known := self.current) is None:
-            raise InputError("There is no label set: make one with New label.")
+            raise InputError("no-labels", "There is no label set", "make one with New label")
         return known
 
     def _label(self, key: int) -> Label:
         labels = {label.key: label for label in self._set.labels}
         if key not in labels:
-            raise InputError(f"{self._set.name} has no label of number {key}: choose another.")
+            raise unknown("label", key, labels)
         return labels[key]
 
     def _mask(self, keys: Collection[int]) -> npt.NDArray[np.bool_]:
         """Return the mask of the vertices with some labels, shape (n,)."""
         mask = np.isin(self._set.values, list(keys))
         if not mask.any():
-            raise InputError("No vertex has this label yet: assign vertices first.")
+            raise InputError("no-labels", "No vertex has this label yet", "assign vertices first")
         return mask
 
     def _refuse_locked(self, keys: Iterable[int]) -> None:
         for label in map(self._label, keys):
             if label.locked:
-                raise InputError(f"Label {label.name} is locked: unlock it first.")
+                raise InputError("label-locked", f"Label {label.name} is locked", "unlock it first")
 
     def _merge(self, what: str, keys: Collection[int], to: int) -> None:
         """Assign the vertices of some labels to label number `to`, and remove these labels."""

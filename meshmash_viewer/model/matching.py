@@ -192,7 +192,8 @@ class MatchedDocuments:
         """
         found, request = self.comparison, self._answered
         if found is None or request is None:
-            raise InputError("There is no match to write: wait until the meshes are compared.")
+            remedy = "wait until the meshes are compared"
+            raise InputError("no-match", "There is no match to write", remedy)
         pairs, (first, second) = (request.first, request.second), request.meshes
         proofs = (
             each.proof(mesh.unit)

@@ -211,7 +211,7 @@ def system_report(graphics: str) -> str:
     for each in known_plug_ins():
         with contextlib.suppress(InputError):
             each.load()
-        said = each.fault or f"{each.name} of {each.package}"
+        said = str(each.fault or f"{each.name} of {each.package}")
         more.append((f"Plug-in, {each.group}", said))
     report = scooby.Report(core=[], optional=[], ncol=1, text_width=100, extra_meta=more)
     return str(report).strip()

@@ -140,10 +140,8 @@ class PiecesJob:
         mesh, count = self.mesh, self.count
         n = mesh.n_vertices - len(mesh.unreferenced)
         if count > 1 and n / count < LEAST:
-            raise InputError(
-                f"{count} pieces of {n:,} vertices would have fewer than {LEAST} each: give at most"
-                f" {max(n // LEAST, 1)}."
-            )
+            fault = f"{count} pieces of {n:,} vertices would have fewer than {LEAST} each"
+            raise InputError("too-many-pieces", fault, f"give at most {max(n // LEAST, 1)}")
         top = _top(mesh, self.target)
         bank = _common_bank(self.family, top)
         stitcher = MeshStitcher(mesh, n_jobs=self.n_jobs, client=self.client)
@@ -223,8 +221,9 @@ def _common_bank(family: Family, top: float) -> FilterBank:
     one, other = (family.bank(top * np.array([0.0, share, 1.0]), bound=top) for share in (0.2, 0.5))
     if one.normalised or not np.array_equal(one.parameters, other.parameters):
         raise InputError(
-            f"Columns of {family.export} depend on the spectrum of the whole mesh, which pieces do"
-            " not have: give what they are taken from, as --t-min and --t-max of --kind hks, or"
-            " choose --kind geometry-vectors."
+            "depends-on-whole-mesh",
+            f"Columns of {family.export} depend on the spectrum of the whole mesh",
+            "give what they are taken from, as --t-min and --t-max of --kind hks, or choose --kind"
+            " geometry-vectors",
         )
     return one

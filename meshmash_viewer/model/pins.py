@@ -147,7 +147,8 @@ def checked_color(text: str) -> str:
     `InputError` is raised for another text.
     """
     if text and not _COLOR.fullmatch(text):
-        raise InputError(f"{printable(text, 30)!r} is not a colour: write it as #E69F00.")
+        fault = f"{printable(text, 30)!r} is not a colour"
+        raise InputError("wrong-colour", fault, "write it as #E69F00")
     return text.upper()
 
 

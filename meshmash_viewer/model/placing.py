@@ -25,7 +25,7 @@ class PlacedPins:
     """Vertex, name and colour of each pin, reasons for rows left out, and other remarks."""
 
     pins: tuple[tuple[int, str, str], ...]
-    faults: tuple[str, ...]
+    faults: tuple[InputError, ...]
     remarks: tuple[str, ...]
 
 
@@ -39,7 +39,7 @@ def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
     positions, reading = _positions(mesh, table)
     near, far = _nearest(mesh, positions)
     pins: dict[int, tuple[int, str, str]] = {}
-    faults: list[str] = []
+    faults: list[InputError] = []
     disagreeing, repeated, farthest = 0, 0, 0.0
     for row, index in enumerate(table.indices.tolist()):
         try:
@@ -49,11 +49,13 @@ def place_pins(mesh: Mesh, table: PinTable) -> PlacedPins:
                 distance = float(far[row])
                 if not distance <= size:
                     text = format_quantity(distance, mesh.unit)
-                    raise InputError(f"the position is {text} from the mesh: check its unit")
+                    raise InputError(
+                        "far-from-mesh", f"The position is {text} from the mesh", "check its unit"
+                    )
                 vertex, farthest = int(near[row]), max(farthest, distance)
                 disagreeing += index >= 0
         except InputError as fault:
-            faults.append(f"row {row + 1}: {fault}".rstrip("."))
+            faults.append(fault.of(f"row {row + 1}"))
             continue
         repeated += vertex in pins
         pins.setdefault(vertex, (vertex, table.names[row], color))
@@ -77,7 +79,7 @@ def _vertex_of(mesh: Mesh, index: int, position: FloatArray, agrees: float) -> i
     if index < 0 and placed:
         return -1
     if index < 0:
-        raise InputError("there is neither an index nor a position")
+        raise InputError("missing-argument", "There is neither an index nor a position")
     if not placed:
         return mesh.vertex_of(index)
     with contextlib.suppress(InputError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import unknown
 
 #: Descriptions of the samples by name.
 SAMPLES: dict[str, str] = {
@@ -22,7 +22,7 @@ def sample_path(name: str = "dendrite") -> Path:
     `InputError` is raised if `name` is not in `SAMPLES`.
     """
     if name not in SAMPLES:
-        raise InputError(f"There is no sample {name!r}: choose one of {', '.join(SAMPLES)}.")
+        raise unknown("sample", name, SAMPLES)
     return Path(__file__).with_name(f"{name}.npz")
 
 
@@ -33,5 +33,5 @@ def labels_path(name: str = "dendrite") -> Path:
     """
     path = sample_path(name).with_name(f"{name}_labels.npz")
     if not path.exists():
-        raise InputError(f"The sample {name} has no labels: choose dendrite or neuron.")
+        raise unknown("sample with labels", name, ("dendrite", "neuron"))
     return path

@@ -155,10 +155,8 @@ def verify_pairs(
     sparse = sp.issparse(mass) or np.ndim(mass) == 2
     diagonal = np.asarray(given_mass.diagonal() if sparse else given_mass, dtype=np.float64)
     if matrix.shape != (n, n) or diagonal.shape != (n,):
-        raise InputError(
-            f"The eigenvectors have {n} entries, the Laplacian is {matrix.shape} and the mass "
-            f"matrix {np.shape(mass)}: give the matrices that were decomposed."
-        )
+        fault = f"Matrices of shapes {matrix.shape} and {np.shape(mass)} do not fit {n:,} vertices"
+        raise InputError("other-mesh", fault, "give the matrices that were decomposed")
     used = np.flatnonzero(diagonal > 0.0)
     matrix, diagonal = sp.csr_array(matrix[used][:, used]), diagonal[used]
     # A power of two, as in the solver, so that both treat the same eigenvalues as zero.
@@ -303,7 +301,4 @@ def _below(matrix: Any, diagonal: FloatArray, bound: float, spacing: float) -> i
             continue
         if np.array_equal(factor.perm_r, factor.perm_c):
             return int(np.count_nonzero(factor.U.diagonal() < 0.0))
-    raise InputError(
-        f"The eigenvalues below {bound:.6g} cannot be counted a second time: every factor "
-        "without pivoting fails near there."
-    )
+    raise InputError("not-provable", f"The eigenvalues below {bound:.6g} cannot be counted again")

@@ -66,12 +66,14 @@ def check_memory(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
     if needed <= _SHARE * free:
         return
     fitting = bisect_right(range(1, k + 1), _SHARE * free, key=need)
-    way_out = f"ask for at most {fitting:,}" if fitting else "simplify the mesh"
-    raise InputError(
-        f"{counted(k, 'eigenpair')} of {counted(n, 'vertex')} take about "
-        f"{written_bytes(needed)} of memory, and "
-        f"{written_bytes(free)} are free: {way_out}, or close other programs."
-    )
+    remedy = f"ask for at most {fitting:,}" if fitting else "simplify the mesh"
+    what = f"{counted(k, 'eigenpair')} of {counted(n, 'vertex')}"
+    raise _no_room(what, needed, free, remedy)
+
+
+def _no_room(what: str, needed: float, free: float, remedy: str) -> InputError:
+    fault = f"{what} take about {written_bytes(needed)} of memory, and {written_bytes(free)}"
+    return InputError("no-memory", f"{fault} are free", f"{remedy}, or close other programs")
 
 
 def check_room(what: str, needed: float, remedy: str) -> None:
@@ -81,10 +83,7 @@ def check_room(what: str, needed: float, remedy: str) -> None:
     """
     free = free_memory()
     if needed > _SHARE * free:
-        raise InputError(
-            f"{what} take about {written_bytes(needed)} of memory, and {written_bytes(free)} are"
-            f" free: {remedy}, or close other programs."
-        )
+        raise _no_room(what, needed, free, remedy)
 
 
 def check_columns(n_vertices: int, n_columns: int) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, wrong_type
 from meshmash_viewer.features.filter_responses import count_zeros, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, multiplets
@@ -392,10 +392,7 @@ def as_eigenpairs(call: str, given: EigenpairsLike, mesh: MeshLike | None = None
     if isinstance(given, (tuple, list)) and len(given) == 2:
         return _from_arrays(call, given, mesh)
     if not (hasattr(given, "eigenvalues") and hasattr(given, "rows")):
-        raise InputError(
-            f"{call} takes eigenpairs as solve or decompose_mesh return them, not of type"
-            f" {type(given).__name__}."
-        )
+        raise wrong_type(f"Pairs of {call}", type(given), "the result of solve or decompose_mesh")
     if not len(given.mass) and (given.mesh is not None or mesh is not None):
         from meshmash_viewer.mesh import as_mesh
 
@@ -403,8 +400,9 @@ def as_eigenpairs(call: str, given: EigenpairsLike, mesh: MeshLike | None = None
         given = replace(given, mass=surface.vertex_areas)
     if len(given.mass) != given.rows.shape[1]:
         raise InputError(
-            f"The eigenpairs have {given.rows.shape[1]} vertices, and areas of {len(given.mass)}:"
-            " give what solve returns, or a Decomposition with the diagonal of M as its mass."
+            "other-mesh",
+            f"The eigenpairs have {given.rows.shape[1]} vertices, and areas of {len(given.mass)}",
+            "give what solve returns, or a Decomposition with the diagonal of M as its mass",
         )
     return given
 
@@ -425,18 +423,17 @@ def _from_arrays(
 ) -> Eigenpairs:
     values, vectors = (np.asarray(each) for each in given)
     if values.ndim != 1 or vectors.ndim != 2 or vectors.shape[1] != len(values):
-        raise InputError(
-            f"{call} takes eigenvalues of shape (k,) with eigenvectors of shape (n, k), not"
-            f" {values.shape} with {vectors.shape}."
-        )
+        fault = f"Arrays of {call} have shapes {values.shape} and {vectors.shape}"
+        remedy = "give eigenvalues of shape (k,) with eigenvectors of shape (n, k)"
+        raise InputError("wrong-shape", fault, remedy)
     mass = _MASSES.get(id(_owner(vectors)), np.zeros(0))
     if len(mass) != len(vectors) and mesh is not None:
         mass = _areas(vectors, mesh)
     if len(mass) != len(vectors):
         raise InputError(
-            f"{call}: the areas of these eigenvectors are not known, as for arrays that were copied"
-            " or read from a file. Give Decomposition(eigenvalues, eigenvectors.T, residuals,"
-            " mass=M.diagonal())."
+            "no-areas",
+            f"The areas of these eigenvectors are not known to {call}, as of a copy or a file",
+            "give Decomposition(eigenvalues, eigenvectors.T, residuals, mass=M.diagonal())",
         )
     return Eigenpairs(values.astype(np.float64), vectors.T, np.full(len(values), np.nan), mass=mass)
 

@@ -369,10 +369,8 @@ def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
 def check_bands(max_eigenvalue: float, band_size: int) -> None:
     """Raise `InputError` for a negative threshold or an empty band."""
     if not (is_real(max_eigenvalue) and max_eigenvalue >= 0.0):
-        raise InputError(
-            f"max_eigenvalue is {max_eigenvalue}: no eigenvalue of a Laplacian is negative, "
-            "give a positive number."
-        )
+        fault, remedy = f"max_eigenvalue is {max_eigenvalue}", "give a positive number"
+        raise InputError("out-of-range", fault, remedy)
     whole_number(band_size, "band_size")
 
 
@@ -386,7 +384,7 @@ def chosen_extent(
     refuse_two_extents(max_eigenvalue, count, wavelength)
     if count is not None:
         if isinstance(count, str):
-            raise InputError(f'count is {count!r}: give a whole number from 1, or "auto".')
+            raise InputError("out-of-range", f"count is {count!r}", 'give a number or "auto"')
         return whole_number(count, "count"), None
     if wavelength is not None:
         return None, Target("wavelength", wavelength).max_eigenvalue
@@ -404,7 +402,8 @@ def refuse_two_extents(
     }
     names = [name for name, is_given in given.items() if is_given]
     if len(names) > 1:
-        raise InputError(f"{' and '.join(names)} are given: give only one of them.")
+        fault = f"{' and '.join(names)} are given"
+        raise InputError("conflicting-arguments", fault, "give only one of them")
 
 
 @contextmanager

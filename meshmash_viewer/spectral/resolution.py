@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray, blocks
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, other_mesh
 from meshmash_viewer.features.filter_responses import count_zeros
 from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
@@ -94,10 +94,8 @@ def resolution_error(
     pairs = as_eigenpairs("resolution_error(mesh, pairs)", pairs, mesh)
     values = np.asarray(pairs.eigenvalues, dtype=np.float64)
     if pairs.certificate.low is not None:
-        raise InputError(
-            "The mesh resolution is estimated for the lowest eigenpairs only, not for pairs around"
-            " a shift: omit sigma."
-        )
+        fault = "The mesh resolution is estimated for the lowest eigenpairs, not around a shift"
+        raise InputError("not-lowest-pairs", fault, "omit sigma")
     operator, first = _operator_of(mesh, pairs), count_zeros(values)
     errors, coarse, stop = np.zeros(len(values)), values[first:], len(values)
     for _ in range(2):
@@ -226,19 +224,14 @@ def _matrices(mesh: Mesh, operator: OperatorOptions) -> tuple[SparseMatrix, Spar
 def _operator_of(mesh: Mesh, pairs: Eigenpairs) -> OperatorOptions:
     """Return the options of the Laplacian whose Rayleigh quotients are the eigenvalues."""
     if pairs.rows.shape[1] != mesh.n_vertices:
-        raise InputError(
-            f"The eigenpairs have {pairs.rows.shape[1]:,} vertices and the mesh"
-            f" {mesh.n_vertices:,}: give the mesh that was decomposed."
-        )
+        raise other_mesh("The eigenpairs", pairs.rows.shape[1], mesh.n_vertices)
     known = pairs.operator
     candidates = [known] if known else [OperatorOptions(), OperatorOptions(robust=False)]
     differences = [_difference(mesh, pairs, each) for each in candidates]
     best = int(np.argmin(differences))
     if not differences[best] < _SAME:
-        raise InputError(
-            "The eigenpairs are not those of a Laplacian of this mesh: give the mesh that was"
-            " decomposed."
-        )
+        fault = "The eigenpairs are not those of a Laplacian of this mesh"
+        raise InputError("other-mesh", fault, "give the mesh that was decomposed")
     return candidates[best]
 
 

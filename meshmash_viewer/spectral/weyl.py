@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.errors import unknown
+from meshmash_viewer.units import check_number, check_positive, format_quantity, whole_number
 
 #: Share of a feature that may be missing, due to too few eigenpairs, before it is flagged.
 TOLERANCE = 0.01
@@ -102,16 +102,12 @@ class Target:
 
     def __post_init__(self) -> None:
         if self.kind not in TARGET_KINDS:
-            raise InputError(
-                f"A target is a count, a max_eigenvalue, a wavelength or a time: {self.kind}."
-            )
+            raise unknown("target", self.kind, TARGET_KINDS)
         name = TARGET_KINDS[self.kind]
-        if not (math.isfinite(self.value) and self.value > 0.0):
-            raise InputError(f"{name} is {self.value:g}: give a positive number.")
-        if not 1.0 / _LARGEST <= self.value <= _LARGEST:
-            raise InputError(f"{name} is {self.value:g}: no mesh has one of that size.")
-        if self.kind == "count" and self.value != int(self.value):
-            raise InputError(f"{name} is {self.value:g}: give a whole number.")
+        check_positive(self.value, name)
+        check_number(self.value, name, 1.0 / _LARGEST, _LARGEST)
+        if self.kind == "count":
+            whole_number(self.value, name)
         # plain Python numbers, for JSON
         plain = int(self.value) if self.kind == "count" else float(self.value)
         object.__setattr__(self, "value", plain)

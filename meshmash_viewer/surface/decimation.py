@@ -10,7 +10,6 @@ import numpy.typing as npt
 from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.units import counted
 
 
 def decimated(
@@ -29,16 +28,13 @@ def decimated(
     from scipy.ndimage import value_indices
 
     if not 0.0 <= reduction < 1.0:
-        raise InputError(
-            f"The share of faces to remove is {reduction:g}: give one from 0 to below 1."
-        )
+        fault = f"The share of faces to remove is {reduction:g}"
+        raise InputError("out-of-range", fault, "give one from 0 to below 1")
     sizes = np.bincount(mesh.component_labels[mesh.component_labels >= 0])
     if not (sizes >= least).any():
-        raise InputError(
-            f"All components have fewer than {least} vertices, the largest"
-            f" {counted(int(sizes.max()), 'vertex')}:"
-            " give a smaller threshold (--min-vertices, min_vertex_threshold=)."
-        )
+        fault = f"All components have fewer than {least:,} vertices, at most {sizes.max():,}"
+        remedy = "give a smaller threshold (--min-vertices, min_vertex_threshold=)"
+        raise InputError("no-component", fault, remedy)
     faces = mesh.faces[mesh.distinct_corners]
     mapping = np.full(mesh.n_vertices, -1, dtype=np.int64)
     parts, count = [], 0

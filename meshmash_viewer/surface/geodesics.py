@@ -72,7 +72,7 @@ class GeodesicSolver:
 
         sources = _checked(self.mesh, vertices)
         if not sources:
-            raise InputError("The distance to the nearest of some vertices needs one or more.")
+            raise InputError("no-vertices", "The distance is from no vertex", "give one or more")
         distances = self.unreached()
         distances[sources] = 0.0
         exact = unfold(self._surface, distances, _EXACT)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from closed_form import part, rectangle_document
+from faults import raises
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QAction, QColor
 from PySide6.QtTest import QTest
@@ -27,7 +28,6 @@ from shapes import icosphere
 
 from meshmash_viewer.app.dialogs.pin_dialog import PinExportDialog, nearest_vertex
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pins import pin_at
 from meshmash_viewer.quantities import parse_number
@@ -282,8 +282,8 @@ def test_a_table_is_imported_in_one_step_and_faults_are_said(
     notice = window.stage.message_bar.notice
     assert notice is not None
     assert notice.text == (
-        "1 pin imported from spines.csv. Left out is row 2: There is no vertex 99999: they are"
-        " counted from 0 to 359."
+        "1 pin imported from spines.csv. Left out is row 2: There is no vertex 99999: give a"
+        " whole number from 0 to 359."
     )
     document.history.undo()
     assert pinned(window) == [200]
@@ -342,9 +342,9 @@ def test_scripts_add_maps_and_pins_or_get_an_error(window: MainWindow) -> None:
     assert mesh is not None
     window.add_pins(mesh.vertices[[7, 30]] + 0.01, names=["a", "b"])
     assert [(pin.vertex, pin.name) for pin in document.pins.placed] == [(7, "a"), (30, "b")]
-    with pytest.raises(InputError, match="There is no vertex 99999"):
+    with raises("vertex-out-of-range", "There is no vertex 99999"):
         window.add_pins([8, 99999])
-    with pytest.raises(InputError, match="from the mesh: check its unit"):
+    with raises("far-from-mesh", "No pin was set, as row 1:"):
         window.add_pins([[1e12, 0.0, 0.0]])
     assert len(document.pins.placed) == 2
     document.history.undo()
@@ -353,7 +353,7 @@ def test_scripts_add_maps_and_pins_or_get_an_error(window: MainWindow) -> None:
     assert document.mesh.map_named("height").unit == "nm"
     window.wait()
     assert window.controller.field.title == "height"
-    with pytest.raises(InputError, match="has 3 values and the mesh 360 vertices"):
+    with raises("other-mesh", "has 3 values and the mesh 360 vertices"):
         window.add_map("short", [1.0, 2.0, 3.0])
 
 

@@ -76,7 +76,7 @@ def run(script: str, *arguments: str, **variables: str) -> list[str]:
 @pytest.mark.parametrize(
     ("variables", "named"),
     [
-        ({}, f"{WITHOUT}; use the commands that need no window"),
+        ({}, f"{WITHOUT}: use the commands that need no window"),
         (GONE, r"\(DISPLAY=:4711 does not answer\)"),
         ({"DISPLAY": ":4711.3"}, "DISPLAY=:4711.3 does"),
         ({"DISPLAY": "unix:4711"}, "DISPLAY=unix:4711 does"),

@@ -10,10 +10,10 @@ from weakref import ReferenceType, ref
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from solved import spectrum_of
 
 import meshmash_viewer as mv
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.filters import Filters
@@ -184,7 +184,7 @@ def test_labels_are_not_summed_over_pairs(rectangle: Mesh) -> None:
     OwnMaps.exported(chosen="halves").check_mesh(mesh)
     OwnMaps.exported(chosen="Mean curvature", view="pairs").check_mesh(mesh)
     for chosen in ({}, {"chosen": "halves"}):
-        with pytest.raises(InputError, match="halves contains labels"):
+        with raises("labels-not-values", "halves contains labels"):
             OwnMaps.exported(view="pairs", **chosen).check_mesh(mesh)
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from scipy.integrate import quad
 from solved import spectrum_of
 from tiers import slow_but
 
 import meshmash_viewer as mv
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.sihks import ScaleInvariantHKS, scale_invariant_hks
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -80,8 +80,8 @@ def test_a_row_is_computed_as_the_field_that_is_shown(rectangle: Mesh) -> None:
 
 def test_what_it_cannot_be_made_of_is_said() -> None:
     zeros = Eigenpairs(np.zeros(3), np.ones((3, 5)), np.zeros(3))
-    with pytest.raises(InputError, match="All eigenvalues are zero"):
+    with raises("no-nonzero-eigenvalue", "All eigenvalues are zero"):
         ScaleInvariantHKS().columns(zeros)
     pairs = solved(shapes.icosphere(1), 9)
-    with pytest.raises(InputError, match="needs the first pair"):
+    with raises("conflicting-arguments", "needs the first pair"):
         ScaleInvariantHKS().compute_features(pairs, shapes.icosphere(1), drop_first=True)

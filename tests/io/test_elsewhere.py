@@ -14,10 +14,10 @@ import nibabel
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from nibabel.freesurfer import write_geometry
 
 from meshmash_viewer.cli.main import main
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.provenance import provenance
@@ -219,7 +219,7 @@ def test_structures_are_known_in_any_writing() -> None:
         assert named_structure(text) == "CortexLeft"
     assert all(named_structure(each) == each for each in STRUCTURES)
     for text in ("", "middle", "CortexLeftt", "left right"):
-        with pytest.raises(InputError, match="is not a structure: give CortexLeft, CortexRight or"):
+        with raises("unknown-name", "no structure", "CortexLeft, CortexRight"):
             named_structure(text)
 
 

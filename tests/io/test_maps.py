@@ -351,9 +351,9 @@ def labels_beyond(path: Path) -> None:
 
 BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "short.npy": (lambda path: np.save(path, VALUES[:-1]), r"41 values and the mesh 42 vertices"),
-    "text.npy": (lambda path: np.save(path, np.full(N, "a")), r"text .*leave it out"),
-    "nothing.npy": (lambda path: np.save(path, np.full(N, np.nan)), r"all are NaN: export"),
-    "complex.npy": (lambda path: np.save(path, np.full(N, 1j)), r"complex numbers: give real"),
+    "text.npy": (lambda path: np.save(path, np.full(N, "a")), r"type <U1: give real numbers"),
+    "nothing.npy": (lambda path: np.save(path, np.full(N, np.nan)), r"all are NaN"),
+    "complex.npy": (lambda path: np.save(path, np.full(N, 1j)), r"type complex128: give real"),
     "infinite.npy": (
         lambda path: np.save(path, np.where(np.arange(N) == 7, np.inf, 1.0)),
         r"1 infinite value, the first at vertex 7: put NaN",

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from listeners import Listener
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.distances import distance_features
 from meshmash_viewer.features.filter_responses import hks_times
 from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank, wave_kernel_bank
@@ -67,9 +67,9 @@ def test_as_many_pairs_as_asked_for_and_never_fewer(sphere: Mesh, listener: List
         assert about["proof"].startswith(f"{n_pairs} pairs · complete")
         np.testing.assert_array_equal(content["eigenvalues"], grew.eigenvalues[:n_pairs])
         assert content["eigenvectors"].shape == (sphere.n_vertices, n_pairs)
-    with pytest.raises(InputError, match="no longer in the cache"):
+    with raises("no-eigenpairs", "no longer in the cache"):
         exported(sphere, "eigenpairs", 21, listener, asked)
-    with pytest.raises(InputError, match="no longer in the cache"):
+    with raises("no-eigenpairs", "no longer in the cache"):
         exported(Mesh(2.0 * sphere.vertices, sphere.faces), "eigenpairs", 5, listener, asked)
 
 
@@ -192,7 +192,7 @@ def test_distances_are_written_by_their_pairs_or_without(
         content = exported(sphere, "distance", 20, listener, **chosen)
         wanted = distance_features(sphere, [3, 8])
     else:
-        with pytest.raises(InputError, match="no longer in the cache"):
+        with raises("no-eigenpairs", "no longer in the cache"):
             exported(sphere, "distance", 20, listener, **chosen)
         decompose(sphere, OPERATOR, Target("count", 20), listener)
         content = exported(sphere, "distance", 20, listener, **chosen)

@@ -227,11 +227,11 @@ def test_a_map_without_a_mesh_is_named() -> None:
     ("act", "sentence"),
     [
         (lambda labels: labels.assign(1), "Nothing is selected: select vertices, then"),
-        (lambda labels: labels.assign(9), "has no label of number 9: choose another"),
+        (lambda labels: labels.assign(9), "There is no label 9: give one of 1, 2"),
         (lambda labels: labels.assign_nth(4), "no label 4, as there are 2 labels: make one"),
         (lambda labels: labels.rename(1, "  "), "A label needs a name: type one."),
         (lambda labels: labels.recolor(1, "blue"), "'blue' is not a colour"),
-        (lambda labels: labels.join([1]), "At least two labels are needed to join"),
+        (lambda labels: labels.join([1]), "Two or more labels are needed"),
         (lambda labels: labels.delete([]), "No label is chosen"),
         (lambda labels: labels.select([1]), "No vertex has this label yet"),
     ],
@@ -241,7 +241,7 @@ def test_what_cannot_be_done_is_one_sentence(
 ) -> None:
     document.labels.new_set()
     document.labels.new_label()
-    if "number 9" in sentence:
+    if "label 9" in sentence:
         document.selection.set(UP)
     before, steps, texts = state(document), document.history.past, said(document)
     act(document.labels)
@@ -271,7 +271,7 @@ def test_labels_cannot_be_more_than_colours(document: Document) -> None:
     document.maps.add(MESH, [VertexMap("many", np.ones(N), labels)])
     texts = said(document)
     document.labels.new_label()
-    assert "513 labels, and 512 can be distinguished" in texts[-1]
+    assert "513 labels, more than 512 colours" in texts[-1]
 
 
 def test_numbers_take_four_bytes_unless_one_is_large(two: Document) -> None:

@@ -27,8 +27,7 @@ def placed(mesh: Mesh, path: Path, text: str) -> PlacedPins:
     path = path / "pins.csv"
     path.write_text(text, encoding="utf-8")
     found = place_pins(mesh, read_pins(path))
-    faults, remarks = (tuple(map(plain_text, each)) for each in (found.faults, found.remarks))
-    return PlacedPins(found.pins, faults, remarks)
+    return PlacedPins(found.pins, found.faults, tuple(map(plain_text, found.remarks)))
 
 
 def row(mesh: Mesh, vertex: int, scale: float = 1.0) -> str:
@@ -80,8 +79,8 @@ def test_indices_are_those_of_the_file(tmp_path: Path) -> None:
     mesh = repair_mesh((corners, [[1, 2, 3]]), "drop_unreferenced_vertices")
     found = placed(mesh, tmp_path, "index\n3\n0\n9\n")
     assert (found.pins, found.remarks) == (((2, "", ""),), ())
-    assert "row 2: Vertex 0 was removed by a repair" in found.faults[0]
-    assert found.faults[1] == "row 3: There is no vertex 9: they are counted from 0 to 3"
+    assert "row 2: Vertex 0 was removed by a repair" in str(found.faults[0])
+    assert str(found.faults[1]) == "row 3: There is no vertex 9: give a whole number from 0 to 3."
 
 
 def test_where_index_and_position_disagree_the_position_counts(ball: Mesh, tmp_path: Path) -> None:
@@ -98,10 +97,10 @@ def test_what_cannot_be_placed_is_said_and_nothing_else_lost(ball: Mesh, tmp_pat
     text = f"x,y,z,color\n1e9,0,0,\n{row(ball, 7)},red\n{row(ball, 8)},\n,,,\n{row(ball, 8)},\n"
     found = placed(ball, tmp_path, text)
     assert found.pins == ((8, "", ""),)
-    assert found.faults == (
-        "row 1: the position is 1000 mm from the mesh: check its unit",
-        "row 2: 'red' is not a colour: write it as #E69F00",
-    )
+    assert [plain_text(str(fault)) for fault in found.faults] == [
+        "row 1: The position is 1000 mm from the mesh: check its unit.",
+        "row 2: 'red' is not a colour: write it as #E69F00.",
+    ]
     assert found.remarks == ("1 row at the vertex of an earlier row left out.",)
 
 

@@ -124,11 +124,9 @@ def nearest_vertex(
     distance = math.sqrt(squared_distance)
     if not distance <= float(np.linalg.norm(np.ptp(places, axis=0))):
         low, high = (format_position(each, 7) for each in (places.min(axis=0), places.max(axis=0)))
-        raise InputError(
-            f"The position is far from the mesh, which lies between {low} and {high}"
-            f" {mesh.unit}".rstrip()
-            + ": check its unit."
-        )
+        between = f"{low} and {high} {mesh.unit}".rstrip()
+        fault = f"The position is far from the mesh, which lies between {between}"
+        raise InputError("far-from-mesh", fault, "check its unit")
     name = mesh.named_vertex(vertex).capitalize()
     return vertex, f"{name} is {format_quantity(distance, mesh.unit)} from that position{reading}."
 

@@ -61,10 +61,8 @@ class PictureProcess:
             if self.closed:
                 raise Cancelled from fault
             self._end()
-            raise InputError(
-                "The process that draws pictures crashed, perhaps because memory ran out or the"
-                " graphics driver failed: choose a smaller picture."
-            ) from fault
+            crash = "The process that draws pictures crashed (memory, or graphics driver)"
+            raise InputError("process-crashed", crash, "choose a smaller picture") from fault
         failed = isinstance(answer, Exception)
         self._given, self._values = (None, None) if failed else (given, values)
         if failed:

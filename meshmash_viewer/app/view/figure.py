@@ -34,7 +34,7 @@ from meshmash_viewer.app.view.style import LIGHT, RenderTheme, scale_bar_text
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.write import check_output
-from meshmash_viewer.units import round_length
+from meshmash_viewer.units import check_number, round_length
 
 if TYPE_CHECKING:  # loaded when the first figure is composed
     from matplotlib.figure import Figure
@@ -69,17 +69,13 @@ class FigureOptions:
     pins: bool = True
 
     def __post_init__(self) -> None:
-        if not 10.0 <= self.width_mm <= 2000.0:
-            raise InputError("The width of a figure must be between 10 and 2000 mm.")
-        if not 30 <= self.dpi <= 2400:
-            raise InputError("The resolution of a figure must be between 30 and 2400 dpi.")
-        if not 3.0 <= self.font_points <= 72.0:
-            raise InputError("The font size of a figure must be between 3 and 72 points.")
+        check_number(self.width_mm, "The width of a figure in mm", 10.0, 2000.0)
+        check_number(self.dpi, "The resolution of a figure in dpi", 30, 2400)
+        check_number(self.font_points, "The font size of a figure in points", 3.0, 72.0)
         if self.width_mm / MM * self.dpi > _LARGEST:
-            raise InputError(
-                f"A figure of {self.width_mm:g} mm at {self.dpi} dpi is wider than {_LARGEST}"
-                " pixels: choose a smaller width or resolution."
-            )
+            size = f"{self.width_mm:g} mm at {self.dpi} dpi"
+            fault = f"A figure of {size} is wider than {_LARGEST} pixels"
+            raise InputError("picture-too-large", fault, "choose a smaller width or resolution")
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +167,8 @@ def panel_of(drawing: MeshRenderer, picture: npt.NDArray[np.uint8]) -> Panel:
     high, wide, _ = picture.shape
     opaque = picture[..., 3] > 0
     if not opaque.any():
-        raise InputError(
-            "No part of the mesh is visible: reset the camera, or show what is hidden."
-        )
+        remedy = "reset the camera, or show what is hidden"
+        raise InputError("nothing-visible", "No part of the mesh is visible", remedy)
     picture = np.pad(picture, ((_AROUND, _AROUND), (_AROUND, _AROUND), (0, 0)))
     across, along = (np.flatnonzero(opaque.any(axis=axis)) for axis in (0, 1))
     # bounds, with the margin, in the padded picture
@@ -287,7 +282,8 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     across = (options.width_mm - once) / len(panels)
     wide = across - 2.0 * edge - aside + once
     if wide < 5.0:
-        raise InputError("The text leaves no room for the mesh: choose a wider figure.")
+        remedy = "choose a wider figure"
+        raise InputError("picture-too-small", "The text leaves no room for the mesh", remedy)
     named = len(panels) > 1
     lines = [_lines(each, font, across - 2.0 * edge, options, named=named) for each in around]
     above = 0.5 * font + max(sum(line.space for line in each) for each in lines)

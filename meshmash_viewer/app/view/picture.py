@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
 import subprocess
 import sys
@@ -20,7 +19,7 @@ from vtkmodules.vtkRenderingCore import vtkRenderWindow
 from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.style import LIGHT, NAN_COLOR, ColorMap
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, require
 from meshmash_viewer.mesh import Mesh, mesh_to_poly
 from meshmash_viewer.model.limits import (
     Limits,
@@ -208,17 +207,16 @@ SCENES = {
     ".html": "HTML page, for any browser",
 }
 #: Libraries required for web pages (the extra "html").
-_PAGE_MAKERS = ("trame_pyvista", "nest_asyncio2")
+_PAGES = ("An HTML page needs", "html", "trame_pyvista", "nest_asyncio2")
 
 
 def missing_pages() -> str:
     """Return the reason why HTML pages cannot be written, with the remedy, or ""."""
-    if all(importlib.util.find_spec(name) is not None for name in _PAGE_MAKERS):
-        return ""
-    return (
-        'An HTML page needs trame, which is not installed: pip install "meshmash-viewer[html]", or'
-        " write .gltf."
-    )
+    try:
+        require(*_PAGES)
+    except InputError as fault:
+        return str(fault)
+    return ""
 
 
 def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
@@ -239,7 +237,7 @@ def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
     if (away := drawing.away()) is not None:
         faces = faces[~away[faces].any(axis=1)]
     if not len(faces):
-        raise InputError("All faces are hidden or cut away: show some first.")
+        raise InputError("nothing-visible", "All faces are hidden or cut away", "show some first")
     surface: pyvista.PolyData = mesh_to_poly((vertices, faces))
     if drawing.drawn_vertices is not drawing.mesh.vertices:
         surface.points = drawing.drawn_vertices
@@ -275,8 +273,8 @@ def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
     path = Path(path)
     check_output(path, "scene")
     page = path.suffix.lower() == ".html"
-    if page and (missing := missing_pages()):
-        raise InputError(missing)
+    if page:
+        require(*_PAGES)
     import pyvista
 
     plotter = pyvista.Plotter(off_screen=True)

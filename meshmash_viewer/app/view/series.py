@@ -215,10 +215,10 @@ class ContactSheet:
         self._layout = max(layouts, key=lambda each: min(each.picture[0], each.picture[1] * aspect))
         self.picture_size = self._layout.picture
         if min(self.picture_size) < _LEAST:
-            raise InputError(
-                f"A sheet of {size[0]} × {size[1]} pixels is too small for"
-                f" {counted(len(captions), 'picture')}: make it larger, or choose fewer columns."
+            fault = (
+                f"{size[0]} × {size[1]} pixels are too few for {counted(len(captions), 'picture')}"
             )
+            raise InputError("picture-too-small", fault, "choose more, or fewer columns")
         ground = self._theme.background_top if ground is None else ground
         self._sheet = Image.new("RGBA", size, ground or (0, 0, 0, 0))
         self._draw = ImageDraw.Draw(self._sheet)

@@ -18,7 +18,7 @@ from matplotlib import colormaps
 from vtkmodules.vtkCommonCore import VTK_FONT_FILE
 from vtkmodules.vtkRenderingCore import vtkTextProperty, vtkTextRenderer
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import unknown
 from meshmash_viewer.units import (
     NO_BREAK,
     engineering,
@@ -113,9 +113,7 @@ def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
         labelled.setflags(write=False)
         return labelled
     if name not in colormaps:
-        raise InputError(
-            f"{name!r} is not a colour map of matplotlib; RdBu_r, viridis and magma are some."
-        )
+        raise unknown("colour map", name, ("RdBu_r", "viridis", "magma", "others of matplotlib"))
     table = colormaps[name].resampled(count)(np.arange(count), bytes=True)
     table.setflags(write=False)  # the cache returns the same array to all callers
     return np.asarray(table)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import wrong_shape
 from meshmash_viewer.spectral.engine.basis import orthonormalise
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.request import Request
@@ -80,10 +80,7 @@ def _pairs_of_inverse(
 
     n = pencil.n
     if np.shape(inverse) != (pencil.n_all, pencil.n_all):
-        raise InputError(
-            f"op_inv has shape {np.shape(inverse)}: give an operator of shape "
-            f"({pencil.n_all}, {pencil.n_all}), like the Laplacian."
-        )
+        raise wrong_shape("op_inv and L", np.shape(inverse), f"({pencil.n_all}, {pencil.n_all})")
 
     def apply(column: FloatArray) -> FloatArray:
         check()

@@ -18,13 +18,14 @@ from typing import Any
 
 from meshmash_viewer.errors import InputError
 
+_NUMBA = "numba, which compiles the eigensolver,"
 _REMEDY = "install it into this environment with: python -m pip install numba"
 
 
 def check_compiler() -> None:
     """Raise `InputError` if numba is not installed, without importing it, which takes 0.3 s."""
     if find_spec("numba") is None:
-        raise InputError(f"numba, which compiles the eigensolver, is missing; {_REMEDY}")
+        raise InputError("package-missing", f"{_NUMBA} is missing", _REMEDY)
 
 
 def import_compiler() -> Any:
@@ -36,9 +37,8 @@ def import_compiler() -> Any:
     try:
         numba = import_module("numba")
     except ImportError as fault:
-        raise InputError(
-            f"numba, which compiles the eigensolver, does not work here ({fault}); {_REMEDY}"
-        ) from fault
+        broken = f"{_NUMBA} does not work here ({fault})"
+        raise InputError("package-missing", broken, _REMEDY) from fault
     _provide_cache(numba.config)
     return numba
 

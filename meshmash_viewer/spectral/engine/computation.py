@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError, UnprovenError
+from meshmash_viewer.errors import UnprovenError
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.cost import can_be_dense, core_count, is_dense, worker_count
@@ -32,7 +32,7 @@ from meshmash_viewer.spectral.engine.lanczos import (
     run_slices,
 )
 from meshmash_viewer.spectral.engine.output import Output, Pace
-from meshmash_viewer.spectral.engine.pencil import Pencil
+from meshmash_viewer.spectral.engine.pencil import Pencil, indefinite
 from meshmash_viewer.spectral.engine.plan import KnownPairs, SpectrumPlan
 from meshmash_viewer.spectral.engine.refinement import measure_pairs
 from meshmash_viewer.spectral.engine.request import Request
@@ -118,9 +118,9 @@ class Computation:
                 self._resume()
                 self._refuse_negative(self._plan)
             raise UnprovenError(
-                f"The eigenpairs of this matrix cannot be proven ({fault}): its entries may "
-                "differ too much in size; try robust=True, repair the mesh, or ask for "
-                "another number of pairs."
+                "not-provable",
+                f"The eigenpairs of this matrix cannot be proven ({fault})",
+                "use robust=True, repair the mesh, or ask for another number of pairs",
             ) from fault
 
     def _compute_by_best_method(self) -> Iterator[slice]:
@@ -189,8 +189,10 @@ class Computation:
         sought = counted - (0 if ordered.repeated is None else ordered.repeated.count(top))
         if top > 0.0 and sought > _MOST_COPIES + 2 * wanted:
             raise UnprovenError(
-                f"{counted - wanted} more eigenvalues than the {wanted} requested are equal to "
-                f"{top * pencil.unit:.4g}: ask for fewer pairs, or for all of them."
+                "not-provable",
+                f"{counted - wanted} more eigenvalues than the {wanted} requested are equal to"
+                f" {top * pencil.unit:.4g}",
+                "ask for fewer pairs, or for all of them",
             )
         end, last = (top, wanted)
         if last_slice is not None:
@@ -233,10 +235,7 @@ class Computation:
 
     def _refuse_negative(self, plan: SpectrumPlan) -> None:
         if negative := plan.negative():
-            raise InputError(
-                f"The Laplacian has negative eigenvalues, {negative} of {self.pencil.n}: it must "
-                "be positive semidefinite, as that of every mesh is."
-            )
+            raise indefinite(f"{negative} of {self.pencil.n}")
 
     def _kept(self, values: FloatArray, threshold: float) -> int:
         """Return the number of eigenvalues up to a threshold, with all copies of the last one."""

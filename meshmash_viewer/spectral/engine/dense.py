@@ -16,8 +16,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.spectral.engine.pencil import Pencil
+from meshmash_viewer.spectral.engine.pencil import Pencil, indefinite
 
 
 class DenseSpectrum:
@@ -55,10 +54,7 @@ class DenseSpectrum:
         self._columns = sparse.csc_array(parts, shape=(pencil.n, len(every)))[:, order]
         lowest = float(every.min(initial=0.0))
         if lowest < -max(1e-6, 1e-9 * pencil.norm):
-            raise InputError(
-                f"The Laplacian has a negative eigenvalue, {lowest * pencil.unit:.4g}: it must "
-                "be positive semidefinite, as that of every mesh is."
-            )
+            raise indefinite(f"{lowest * pencil.unit:.4g}")
         self.values: FloatArray = np.concatenate([np.zeros(pencil.n_null), every[order]])
 
     def rows(self, chosen: npt.NDArray[np.intp]) -> FloatArray:

@@ -68,8 +68,9 @@ class Output:
         smallest, largest = pencil.root_mass.min(), pencil.root_mass.max()
         if request.lean and not 1.0 / _LARGEST_SINGLE < smallest <= largest < _LARGEST_SINGLE:
             raise InputError(
-                f"Eigenvectors of masses from {smallest**2:.3g} to {largest**2:.3g} have entries "
-                "beyond the range of float32: ask for float64, or scale the mesh."
+                "beyond-floating-point",
+                f"Masses from {smallest**2:.3g} to {largest**2:.3g} exceed the range of float32",
+                "ask for float64, or scale the mesh",
             )
         if request.allocate is not None:
             rows = request.allocate(k, pencil.n_all, n_kept)

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, wrong_shape, wrong_type
 
 _EPSILON = float(np.finfo(np.float64).eps)
 #: Allowed asymmetry relative to the diagonal entries of row and column.
@@ -115,15 +115,13 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     laplacian: Any = _real_matrix(stiffness)
     n_all = laplacian.shape[0]
     if laplacian.shape != (n_all, n_all):
-        raise InputError(f"The Laplacian must be square, this one is {laplacian.shape}.")
+        raise wrong_shape("Rows and columns of the Laplacian", laplacian.shape, "a square matrix")
     diagonal = mass_diagonal(mass, n_all)
     bad = np.flatnonzero(~np.isfinite(laplacian.data))
     if len(bad):
         row = int(np.searchsorted(laplacian.indptr, bad[0], side="right")) - 1
-        raise InputError(
-            f"The Laplacian has an entry that is not finite at vertex {row}: "
-            "degenerate faces make it so, use robust=True."
-        )
+        fault = f"The Laplacian has an entry that is not finite at vertex {row}"
+        raise InputError("not-finite", fault, "use robust=True, as for degenerate faces")
     laplacian.sum_duplicates()
     laplacian = _symmetric(laplacian)
     _refuse_negative_diagonal(laplacian)
@@ -131,13 +129,11 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     used = diagonal > 0.0
     tied = np.flatnonzero(~used & (np.diff(laplacian.indptr) > 0))
     if len(tied):
-        raise InputError(
-            f"{len(tied)} vertices have faces but no area (first: {tied[:3].tolist()}): "
-            "use robust=True, or drop degenerate faces."
-        )
+        fault = f"{len(tied)} vertices have faces but no area (first: {tied[:3].tolist()})"
+        raise InputError("no-area", fault, "use robust=True, or drop degenerate faces")
     active = np.flatnonzero(used)
     if len(active) == 0:
-        raise InputError("The mass matrix is zero: the mesh has no face with area.")
+        raise InputError("no-area", "The mass matrix is zero", "give a mesh with a face with area")
     if len(active) < n_all:
         laplacian = sp.csr_array(laplacian[active][:, active])
     laplacian = _with_whole_diagonal(laplacian)
@@ -154,9 +150,10 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
         entries = laplacian.data * both / unit
     if not (np.isfinite(entries).all() and 0.0 < unit < np.inf):
         raise InputError(
-            f"Entries of the Laplacian up to {abs(laplacian.data).max():.3g} and masses from "
-            f"{masses.min():.3g} to {masses.max():.3g} are more than the range of floating-point "
-            "numbers can hold together: scale the mesh, or drop the vertices without area."
+            "beyond-floating-point",
+            f"Entries of the Laplacian up to {abs(laplacian.data).max():.3g} and masses from"
+            f" {masses.min():.3g} to {masses.max():.3g} exceed the range of floating-point numbers",
+            "scale the mesh, or drop the vertices without area",
         )
     matrix: Any = sp.csc_array((entries, laplacian.indices, laplacian.indptr), laplacian.shape)
     matrix.sort_indices()
@@ -172,10 +169,8 @@ def _symmetric(laplacian: Any) -> Any:
     wrong = np.flatnonzero(across.data > allowed)
     if len(wrong):
         i, j = int(across.row[wrong[0]]), int(across.col[wrong[0]])
-        raise InputError(
-            f"The Laplacian is not symmetric (vertices {i} and {j} differ by "
-            f"{across.data[wrong[0]]:.3g}); its eigenpairs would not be real."
-        )
+        difference = f"vertices {i} and {j} differ by {across.data[wrong[0]]:.3g}"
+        raise InputError("not-symmetric", f"The Laplacian is not symmetric, {difference}")
     if across.nnz:
         laplacian = sp.csr_array((laplacian + laplacian.T) * 0.5)
     laplacian.eliminate_zeros()
@@ -199,10 +194,14 @@ def _refuse_negative_diagonal(laplacian: Any) -> None:
     size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
     negative = np.flatnonzero(diagonal < -_EPSILON * size)
     if len(negative):
-        raise InputError(
-            f"The diagonal of the Laplacian is negative at vertex {negative[0]}: give L with a "
-            "positive diagonal, -L if it is of the other sign."
-        )
+        fault = f"The diagonal of the Laplacian is negative at vertex {negative[0]}"
+        raise InputError("not-semidefinite", fault, "give -L, if it is of the other sign")
+
+
+def indefinite(negative: str) -> InputError:
+    """Return the fault of a Laplacian with some negative eigenvalues."""
+    fault = f"The Laplacian has negative eigenvalues, {negative}"
+    return InputError("not-semidefinite", fault, "give a positive semidefinite matrix")
 
 
 def _null_space(
@@ -233,10 +232,10 @@ def _null_space(
 def _real_matrix(stiffness: Any) -> Any:
     """Return a float64 copy of L in csr format, shape (n, n)."""
     if not sp.issparse(stiffness) and np.ndim(stiffness) != 2:
-        raise InputError("The Laplacian is a sparse matrix or array, shape (n, n).")
+        raise wrong_shape("Entries of the Laplacian", np.shape(stiffness), "a matrix, shape (n, n)")
     laplacian: Any = sp.csr_array(stiffness)
     if laplacian.dtype.kind not in "biuf":
-        raise InputError(f"The Laplacian holds {laplacian.dtype}: its entries are real numbers.")
+        raise wrong_type("Entries of the Laplacian", laplacian.dtype, "real numbers")
     return laplacian.astype(np.float64)
 
 
@@ -246,16 +245,13 @@ def mass_diagonal(mass: Any, n: int) -> FloatArray:
         rest: Any = sp.coo_array(mass)
         diagonal = np.asarray(rest.diagonal(), dtype=np.float64)
         if rest.shape == (n, n) and np.any(rest.data[rest.row != rest.col] != 0.0):
-            raise InputError(
-                "The mass matrix is not diagonal: give the lumped mass matrix (`area_matrix`)."
-            )
+            remedy = "give the lumped mass matrix (`area_matrix`)"
+            raise InputError("not-diagonal", "The mass matrix is not diagonal", remedy)
     else:
         diagonal = np.asarray(mass, dtype=np.float64)
     if np.shape(mass) not in ((n, n), (n,)):
-        raise InputError(
-            f"The mass matrix has shape {np.shape(mass)}: {n} vertices need a matrix of shape"
-            f" ({n}, {n}), or its diagonal."
-        )
+        wanted = f"({n}, {n}), or its diagonal"
+        raise wrong_shape("Entries of the mass matrix", np.shape(mass), wanted)
     if not np.isfinite(diagonal).all() or diagonal.min(initial=0.0) < 0.0:
-        raise InputError("The mass matrix has an entry that is negative or not finite.")
+        raise InputError("not-finite", "An entry of the mass matrix is negative or not finite")
     return diagonal

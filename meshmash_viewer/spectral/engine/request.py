@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -9,11 +10,12 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, unknown
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import check_number, whole_number
 
 #: ``(k, n, n_kept) -> array of shape (k, n)`` whose first `n_kept` rows are the known pairs.
 Allocate: TypeAlias = Callable[[int, int, int], npt.NDArray[np.floating[Any]]]
@@ -44,21 +46,22 @@ class Request:
     def __post_init__(self) -> None:
         check_compiler()
         if (self.n_components is None) == (self.max_eigenvalue is None):
-            raise InputError("Give either a number of eigenpairs or a largest eigenvalue.")
-        if self.n_components is not None and self.n_components < 1:
-            raise InputError(f"At least one eigenpair must be requested, not {self.n_components}.")
+            fault = "Neither or both of n_components and max_eigenvalue are given"
+            raise InputError("conflicting-arguments", fault, "give only one of them")
+        if self.n_components is not None:
+            whole_number(self.n_components, "n_components")
         if self.max_eigenvalue is not None and not self.max_eigenvalue >= 0.0:
-            raise InputError(f"The largest eigenvalue must not be negative: {self.max_eigenvalue}.")
+            fault = f"max_eigenvalue is {self.max_eigenvalue}"
+            raise InputError("out-of-range", fault, "give a positive number")
         if self.precision not in (np.dtype(np.float64), np.dtype(np.float32)):
-            raise InputError(f"Eigenvectors come as float64 or float32, not {self.precision}.")
-        if self.sigma is not None and not np.isfinite(self.sigma):
-            raise InputError(f"The shift sigma is {self.sigma}: give a finite number or None.")
-        if not self.tol >= 0.0:
-            raise InputError(f"The tolerance must not be negative: {self.tol}.")
+            raise unknown("type of eigenvectors", str(self.precision), ("float64", "float32"))
+        if self.sigma is not None:
+            check_number(self.sigma, "sigma", -math.inf)
+        check_number(self.tol, "tol")
         if self.op_inv is not None and self.n_components is None:
-            raise InputError("op_inv requires n_components, a number of eigenpairs.")
-        if self.n_jobs is not None and self.n_jobs < 1:
-            raise InputError(f"n_jobs must be at least 1, not {self.n_jobs}.")
+            raise InputError("missing-argument", "op_inv requires n_components", "give both")
+        if self.n_jobs is not None:
+            whole_number(self.n_jobs, "n_jobs")
 
     @property
     def asked(self) -> Target:
