@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from faults import raises
 
 import meshmash_viewer as mv
+from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.resolution import affordable_pairs, quick_error
 
@@ -63,11 +66,24 @@ def book():
     return (mesh.vertices, mesh.faces), products(star, interval(0.9), 60)
 
 
-SHAPES = {"rectangle": rectangle, "rims": rims_only, "book": book}
+def slivers():
+    """The rectangle with each column of a row joined to the third one after it in the next row."""
+    (vertices, _), exact = rectangle()
+    faces = []
+    for start in range(0, 13 * 15, 13):
+        low, high = start, start + 13
+        for step in "^^^" + 9 * "<^" + "<<<":
+            end = low + 1 if step == "<" else high + 1
+            faces.append([low, end, high])
+            low, high = (end, high) if step == "<" else (low, end)
+    return (vertices, np.array(faces)), exact
 
 
-@pytest.mark.parametrize("name", SHAPES)
+SHAPES = {"rectangle": rectangle, "slivers": slivers, "rims": rims_only, "book": book}
+
+
 @pytest.mark.parametrize("robust", [True, False])
+@pytest.mark.parametrize("name", SHAPES)
 def test_estimate_agrees_with_closed_form(name, robust):
     (vertices, faces), exact = SHAPES[name]()
     pairs = mv.solve(*mv.cotangent_laplacian((vertices, faces), robust=robust), 60)
@@ -76,14 +92,18 @@ def test_estimate_agrees_with_closed_form(name, robust):
     assert found[0] == 0.0
     wrong, right = np.abs(error) > 0.1, np.abs(error) < 0.01
     assert wrong.any()
+    if name == "slivers" and not robust:  # one finer mesh is not sufficient
+        return
     assert (np.abs(found[1:])[wrong] > 0.05).mean() >= 0.95
     assert not right.any() or (np.abs(found[1:])[right] > 0.05).mean() <= 0.05
     assert 0.4 < np.median(found[1:] / error) < 2.5
     # the estimate without a second solution
-    quick = quick_error(mv.Mesh(vertices, faces), pairs)[1:]
-    assert (quick[wrong] > 0.05).mean() >= 0.95
-    if name == "rectangle":
-        assert 0.5 < np.median(quick / np.abs(error)) < 2.0
+    known = replace(pairs, operator=OperatorOptions(robust=robust))
+    quick = quick_error(mv.Mesh(vertices, faces), known)[1:]
+    assert (np.abs(quick[wrong]) > 0.05).mean() >= 0.95
+    assert not right.any() or (np.abs(quick[right]) > 0.05).mean() <= 0.05
+    if name != "rims":
+        assert 0.8 < np.median(quick / error) < 1.6
 
 
 def test_ball_agrees_with_finer_ball():
@@ -109,7 +129,7 @@ def test_components_and_unreferenced_vertices():
     assert not found[:2].any()
     assert not quick[:2].any()
     assert (found[2:] < 0.0).all()
-    assert (quick[2:] > 0.0).all()
+    assert (quick[2:] < 0.0).all()
     scaled = mv.Mesh(vertices * 1e9, both.faces + 1)
     again = mv.solve(*mv.cotangent_laplacian(scaled, robust=True), 40)
     np.testing.assert_allclose(mv.resolution_error(scaled, again), found, rtol=1e-6)

@@ -360,10 +360,11 @@ def _warm_up_solver() -> None:
     from meshmash_viewer.laplacian import cotangent_laplacian
     from meshmash_viewer.spectral.eigensolver import solve
     from meshmash_viewer.spectral.preview import preview_eigenpairs
+    from meshmash_viewer.spectral.resolution import quick_error
 
     x, y = np.indices((50, 50)).reshape(2, -1)
     first = np.arange(2500).reshape(50, 50)[:-1, :-1].ravel()
     faces = np.concatenate([first[:, None] + corners for corners in ([0, 50, 1], [1, 50, 51])])
     grid = Mesh(np.stack([x, y, 0 * x], axis=1), faces)
-    solve(*cotangent_laplacian(grid), 30, n_jobs=1)
+    quick_error(grid, solve(*cotangent_laplacian(grid), 30, n_jobs=1))
     preview_eigenpairs(grid, 3)

@@ -77,10 +77,10 @@ class Eigenpairs:
     n_exact: int | None = None
     #: Expected relative error of approximate eigenvalues.
     error: float = 0.0
-    #: Shape (k,): Estimated relative error of each eigenvalue that is due to the mesh, see
+    #: Shape (k,): Estimated relative error of each eigenvalue that is due to the mesh, signed, see
     #: `meshmash_viewer.spectral.resolution`; NaN for approximate pairs, empty if not estimated.
     mesh_errors: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
-    #: Number of leading pairs whose `mesh_errors` were measured on a finer mesh, with their signs.
+    #: Number of leading pairs whose `mesh_errors` were measured on a finer mesh.
     n_measured: int = 0
     #: Parameters of the Laplacian.
     operator: OperatorOptions | None = None
