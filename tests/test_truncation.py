@@ -358,6 +358,15 @@ def test_auto_takes_as_many_pairs_as_the_shortest_time_needs(sphere, wholes):
     assert not np.allclose(features, expected, rtol=1e-6)  # only the necessary pairs
 
 
+def test_warning_says_that_the_mesh_resolves_no_further_pairs():
+    mesh = shapes.icosphere(3)
+    with pytest.warns(TruncationWarning, match=r"does not converge.*resolves about 3\d pairs to 5"):
+        compute_hks(mesh, count=400, t_min=1e-3, t_max=1.0)
+    for few, surface in ((20, mesh), (400, cotangent_laplacian(mesh, robust=True))):
+        with pytest.warns(TruncationWarning, match="go further up the spectrum"):
+            compute_hks(surface, count=few, t_min=1e-3, t_max=1.0)
+
+
 def test_auto_takes_all_pairs_at_most_and_says_where_the_mesh_ends():
     mesh = shapes.icosphere(2)
     with pytest.warns(TruncationWarning, match="this mesh has 162 in all"):

@@ -111,8 +111,8 @@ def more_pairs(pairs: Eigenpairs | None, family: Family) -> str:
     """Return the remedy for truncated columns, or that further pairs are none."""
     if family.divergence:
         return f". {family.divergence}"
-    if pairs is not None and pairs.resolvable[1] <= pairs.n_components:
-        return f". {pairs.mesh_limit.rstrip('.')}"
+    if pairs is not None and pairs.exhausted:
+        return f". {pairs.exhausted.rstrip('.')}"
     t_min = getattr(family, "t_min", None)
     limit = ""
     if pairs is not None and t_min is not None:

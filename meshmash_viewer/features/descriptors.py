@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -36,8 +36,8 @@ from meshmash_viewer.features.truncation import (
     warn_of_open_end,
     warn_of_truncation,
 )
-from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
-from meshmash_viewer.mesh import Mesh, mask_text, masked
+from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian
+from meshmash_viewer.mesh import Mesh, as_mesh, mask_text, masked
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigensolver import (
@@ -336,10 +336,14 @@ class _Computation:
         """Name of the mesh, for warnings."""
         return self.mesh.name if isinstance(self.mesh, Mesh) else ""
 
+    @property
+    def _is_matrices(self) -> bool:
+        return isinstance(self.mesh, (tuple, list)) and sparse.issparse(self.mesh[0])
+
     @cached_property
     def matrices(self) -> tuple[SparseMatrix, SparseMatrix]:
         given = self.mesh
-        if isinstance(given, (tuple, list)) and len(given) == 2 and sparse.issparse(given[0]):
+        if self._is_matrices:
             return given[0], given[1]
         return cotangent_laplacian(given, robust=self.robust, mollify_factor=self.mollify_factor)
 
@@ -421,8 +425,20 @@ class _Computation:
             if time is not None and ended and result.eigenvalues[-1] < required_eigenvalue(time):
                 limit = f"{of_mesh(self.name)}{mesh_limit(time, *self.surface)}"
                 warnings.warn(limit, TruncationWarning, stacklevel=3)
-        warn_of_truncation(truncation, stacklevel=4, name=self.name)
+            limit = (
+                self._limit(result) if truncation is not None and len(truncation.flagged) else ""
+            )
+        warn_of_truncation(truncation, stacklevel=4, name=self.name, limit=limit)
         return values.astype(self.dtype, copy=False)
+
+    def _limit(self, pairs: Decomposition) -> str:
+        """Return `Eigenpairs.exhausted`; "" for matrices."""
+        if self._is_matrices:
+            return ""
+        from meshmash_viewer.spectral.resolution import quick_error
+
+        known = replace(pairs, operator=OperatorOptions(self.robust, self.mollify_factor))
+        return replace(known, mesh_errors=quick_error(as_mesh(self.mesh), known)).exhausted
 
 
 def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition, name: str) -> None:

@@ -323,7 +323,7 @@ def compute_features(
         "truncation": None if truncation is None else truncation.as_dict(),
     }
     if warn:
-        warn_of_truncation(truncation)
+        warn_of_truncation(truncation, limit=decomposition.exhausted)
         some_left = len(eigenvalues) < np.count_nonzero(decomposition.mass)
         if bank.tail is None and certificate.low is None and some_left:
             warn_of_open_end(coefficients, eigenvalues)

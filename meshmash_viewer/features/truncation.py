@@ -354,14 +354,18 @@ def check_tail(tail: str | None, kind: str) -> None:
 
 
 def warn_of_truncation(
-    truncation: Truncation | None, stacklevel: int = 3, *, name: str = ""
+    truncation: Truncation | None, stacklevel: int = 3, *, name: str = "", limit: str = ""
 ) -> None:
-    """Issue a warning if columns are flagged; `name` is the name of the mesh."""
+    """Issue a warning if columns are flagged.
+
+    `name` is the name of the mesh, and `limit` the sentence `Eigenpairs.exhausted`.
+    """
     if truncation is not None and (sentence := truncation.sentence()):
+        remedy = (
+            f". {limit}" if limit else ": go further up the spectrum, or see Features.truncation."
+        )
         warnings.warn(
-            f"{of_mesh(name)}{sentence}: go further up the spectrum, or see Features.truncation.",
-            TruncationWarning,
-            stacklevel=stacklevel,
+            f"{of_mesh(name)}{sentence}{remedy}", TruncationWarning, stacklevel=stacklevel
         )
 
 

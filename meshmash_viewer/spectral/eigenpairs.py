@@ -196,6 +196,13 @@ class Eigenpairs:
             " of its triangles rather than of the surface."
         )
 
+    @property
+    def exhausted(self) -> str:
+        """Sentence that what is missing does not converge on this mesh; "" if more is resolved."""
+        if not len(self.mesh_errors) or self.resolvable[1] > self.n_components:
+            return ""
+        return f"What is missing does not converge on this mesh. {self.mesh_limit}"
+
     def with_measured(self, errors: npt.NDArray[np.float64]) -> Self:
         """Replace the first `mesh_errors` by errors measured on a finer mesh."""
         rest = self.mesh_errors[len(errors) :]
