@@ -73,7 +73,29 @@ def test_the_remedy_of_an_ambiguous_match_is_one_of_the_command_line(
     arguments = ["carry", "S.ply", "T.ply", "--map", "S.npy", "-o", "s.csv", "--count", "30"]
     np.save("S.npy", np.arange(162.0))
     assert main(arguments) == 2
-    assert "match them in the window, with pins on both" in capsys.readouterr().err
+    assert "give at least three pairs of corresponding vertices (--landmark)" in (
+        capsys.readouterr().err
+    )
+
+
+def test_landmarks_decide_between_symmetric_matches(capsys: pytest.CaptureFixture[str]) -> None:
+    sphere = shapes.icosphere(2)
+    first = mv.Mesh(sphere.vertices * [1.0, 1.3, 1.7], sphere.faces)
+    copy, there = shapes.moved_copy(first)
+    write_mesh("S.ply", first)
+    write_mesh("T.ply", copy)
+    np.save("S.npy", np.arange(162.0))
+    arguments = ["carry", "S.ply", "T.ply", "--map", "S.npy", "-o", "s.npy", "--count", "30"]
+    # corners of the first octant, which no symmetry keeps
+    for vertex in np.argmax(first.vertices @ [[1, 3, 1], [1, 1, 3], [3, 1, 1]], axis=0):
+        arguments += ["--landmark", str(vertex), str(there[vertex])]
+    assert main(arguments) == 0, capsys.readouterr().err
+    assert np.mean(np.load("s.npy")[there, 0] == np.arange(162.0)) > 0.95
+    assert main([*arguments, "--landmark", "162", "0"]) == 2
+    assert "162" in capsys.readouterr().err
+    write_mesh("U.ply", copy)
+    assert main([*arguments[:3], "U.ply", *arguments[3:5], "-o", "out/", *arguments[7:]]) == 2
+    assert "--landmark is for two meshes, not 3" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,8 @@ from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target, wavelength
 from meshmash_viewer.units import counted, format_quantity
 
+#: Remedy of an ambiguous match.
+SET_LANDMARKS = "give at least three pairs of corresponding vertices (--landmark)"
 #: Result for a mesh: entries for JSON, and text.
 Report: TypeAlias = tuple[dict[str, Any], str]
 #: Function of a mesh, its index in the command, and the options in its unit.
@@ -315,6 +317,17 @@ def masked_options(options: Namespace) -> list[Namespace]:
             " their order, and - for a whole mesh."
         )
     return [Namespace(**{**vars(options), "mask": None if m == "-" else m}) for m in masks]
+
+
+def given_landmarks(options: Namespace, first: Mesh, second: Mesh) -> list[tuple[int, int]]:
+    """Return the corresponding vertices of two meshes that the options name.
+
+    `InputError` is raised if there are further meshes, or no such vertex.
+    """
+    if options.landmark and len(options.mesh) > 2:
+        fault = f"--landmark is for two meshes, not {len(options.mesh)}"
+        raise InputError("too-many-meshes", fault, "give each pair of meshes its own command")
+    return [(first.vertex_of(here), second.vertex_of(there)) for here, there in options.landmark]
 
 
 def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:

@@ -10,8 +10,10 @@ import numpy as np
 
 from meshmash_viewer.cli.arguments import in_unit, made_with
 from meshmash_viewer.cli.batch import (
+    SET_LANDMARKS,
     Report,
     for_each,
+    given_landmarks,
     masked_options,
     prepared,
     read,
@@ -57,16 +59,12 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
         top = matched_top(pairs, mesh.area)
         found = solved(mesh, own, Target("max_eigenvalue", top) if top > 0.0 else own.target)
         check_comparable(mesh.name, mesh.n_vertices, found.eigenvalues)
+        landmarks = [(there, here) for here, there in given_landmarks(options, first, mesh)]
         matched = compare_shapes(
             found, pairs, vertices=corresponding_vertices(mesh, first), refine=True,
-            meshes=(mesh, first), warn=False,
+            landmarks=landmarks, meshes=(mesh, first), warn=False,
         )  # fmt: skip
-        remarks = comparison_remarks(
-            mesh,
-            first,
-            found=matched,
-            set_landmarks="match them in the window, with pins on both",
-        )
+        remarks = comparison_remarks(mesh, first, found=matched, set_landmarks=SET_LANDMARKS)
         if matched.doubt:
             raise InputError("; ".join(remarks))
         proof = f"{found.proof(mesh.unit)}; {pairs.proof(first.unit)}"

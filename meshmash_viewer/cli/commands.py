@@ -11,9 +11,11 @@ import numpy as np
 
 from meshmash_viewer.cli.arguments import made_with
 from meshmash_viewer.cli.batch import (
+    SET_LANDMARKS,
     Report,
     finite,
     for_each,
+    given_landmarks,
     masked_options,
     pairs_report,
     prepared,
@@ -173,10 +175,7 @@ def compare(options: Namespace) -> int:
     read_as = [read(path, options) for path in options.mesh]
     own = masked_options(options)
     meshes = [prepared(*each) for each in zip(read_as, own, strict=True)]
-    landmarks = [
-        [mesh.vertex_of(vertex) for mesh, vertex in zip(meshes, each, strict=True)]
-        for each in options.landmark
-    ]
+    landmarks = given_landmarks(options, meshes[0], meshes[1])
     first = solved(meshes[0], own[0], target)
     # the second mesh is solved up to the same eigenvalue times area
     top = matched_top(first, meshes[1].area)
@@ -214,7 +213,7 @@ def compare(options: Namespace) -> int:
         "remarks": comparison_remarks(
             *meshes,
             found=found,
-            set_landmarks="give at least three pairs of corresponding vertices (--landmark)",
+            set_landmarks=SET_LANDMARKS,
             refine="refine the match by ZoomOut (--refine)",
         ),
         "output": None if options.output is None else str(options.output),

@@ -117,8 +117,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
         " vertices with a nonzero value, or a condition ('lh.thickness>0.5', in quotes)"),
     "--map": _takes(Path, "FILE", "file of values per vertex; may be given several times", **_MANY),
     "--labels": _takes(str, "FILE[:MAP]"),
-    "--landmark": _takes(_several(2, whole(), "12 40"), "A B", "with --refine: corresponding"
-        " vertices of the first and the second mesh, counted from 0; may be given several times",
+    "--landmark": _takes(_several(2, whole(), "12 40"), "A B", "corresponding vertices"
+        " of the first and the second mesh, counted from 0; may be given several times",
         **_MANY),
     "--structure": _takes(option_type(named_structure), "NAME", "brain structure in GIFTI files:"
         " left, right, or a name such as CortexLeft; default: that of the mesh file, or of its name"

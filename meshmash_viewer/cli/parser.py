@@ -182,7 +182,7 @@ def command_parser() -> ArgumentParser:
     about = "file of labels of the first mesh; MAP selects one of several maps"
     add_options(carried, "--labels", help=about)
     _add_outputs(carried, _MAP_FORMATS)
-    add_options(carried, "--map", "--whole-mesh", "--structure")
+    add_options(carried, "--map", "--landmark", "--whole-mesh", "--structure")
 
     _add_training(command("train", "learn classes of vertices from labels", None))
     predicted = command("predict", "predict classes of vertices by a model", None)
