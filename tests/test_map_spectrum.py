@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +116,8 @@ def test_coefficients_are_written(mesh, every_pair, tmp_path: Path, ending: str)
     import pyarrow.csv
     import pyarrow.parquet
 
-    found = mv.map_spectrum(every_pair, mesh.vertices[:, 2])
+    errors = np.linspace(0.0, 0.1, every_pair.n_components)
+    found = mv.map_spectrum(replace(every_pair, mesh_errors=errors), mesh.vertices[:, 2])
     path = tmp_path / f"made{ending}"
     mv.write_map_spectrum(path, found, mesh, "height")
     if ending == ".npz":
@@ -132,6 +134,7 @@ def test_coefficients_are_written(mesh, every_pair, tmp_path: Path, ending: str)
             about = json.loads(table.schema.metadata[b"meshmash-viewer"])
     np.testing.assert_allclose(content["coefficient"], found.coefficients, atol=1e-12)
     np.testing.assert_allclose(content["eigenvalue"], found.eigenvalues, atol=1e-12)
+    np.testing.assert_allclose(content["mesh_error"], errors)
     assert content["pair"].tolist() == list(range(len(found)))
     assert content["share"][3] == pytest.approx(found.share(4))
     assert about["options"]["map_name"] == "height"

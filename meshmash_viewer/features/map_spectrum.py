@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -35,6 +35,8 @@ class MapSpectrum:
         ``c = Φᵀ M f``, in the unit of the map times the unit of length.
     energy : float
         ``fᵀ M f``, the integral of the map's square over the surface.
+    mesh_errors : ndarray of float64, shape (k,), optional
+        The `Eigenpairs.mesh_errors`; empty if not estimated.
 
     Examples
     --------
@@ -46,6 +48,7 @@ class MapSpectrum:
     eigenvalues: FloatArray
     coefficients: FloatArray
     energy: float
+    mesh_errors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.coefficients)
@@ -112,7 +115,8 @@ def map_spectrum(decomposition: EigenpairsLike, values: npt.ArrayLike) -> MapSpe
     decomposition = as_eigenpairs("map_spectrum(pairs, values)", decomposition)
     f = as_map_values(values, decomposition.rows.shape[1], columns=False)
     f = without_gaps(f, decomposition.mass)
-    return project(decomposition.eigenvalues, decomposition.rows, decomposition.mass, f)
+    found = project(decomposition.eigenvalues, decomposition.rows, decomposition.mass, f)
+    return replace(found, mesh_errors=decomposition.mesh_errors)
 
 
 def project(

@@ -104,8 +104,8 @@ def write_eigenpairs(
 ) -> None:
     """Write eigenvalues and eigenvectors with a sentence on their verification.
 
-    Arguments are as for `write_features`. Column i is ``phi_i``; the eigenvalues are an array of
-    NPZ and VTP files, and in the provenance of all formats.
+    Arguments are as for `write_features`. Column i is ``phi_i``; the eigenvalues and their
+    `Eigenpairs.mesh_errors` are arrays of NPZ and VTP files, and in the provenance of all formats.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def write_eigenpairs(
     options = {
         "kind": "eigenpairs",
         "proof": decomposition.proof(mesh.unit),
-        "eigenvalues": decomposition.eigenvalues,
+        **{key: extra[key] for key in ("eigenvalues", "mesh_errors") if key in extra},
     }
     write_table(path, "eigenpairs", table, options, meta)
 
@@ -147,8 +147,9 @@ def write_map_spectrum(
 ) -> None:
     """Write the spectrum of a map, as CSV, Parquet or NPZ.
 
-    Columns are ``pair`` (from 0), ``eigenvalue``, ``coefficient``, and ``share``, the share of the
-    energy in the pairs up to the row's pair. `name` is the name of the map, and `mesh` its mesh.
+    Columns are ``pair`` (from 0), ``eigenvalue``, ``mesh_error`` (`Eigenpairs.mesh_errors`, if
+    known), ``coefficient``, and ``share``, the share of the energy in the pairs up to the row's
+    pair. `name` is the name of the map, and `mesh` its mesh.
     Other arguments are as for `write_features`, with the endings of `SPECTRUM_WRITERS`.
 
     Examples
@@ -162,6 +163,7 @@ def write_map_spectrum(
     columns = {
         "pair": counts,
         "eigenvalue": spectrum.eigenvalues,
+        **({"mesh_error": spectrum.mesh_errors} if len(spectrum.mesh_errors) else {}),
         "coefficient": spectrum.coefficients,
         "share": np.array([spectrum.share(int(count) + 1) for count in counts]),
     }

@@ -71,6 +71,7 @@ def choose(qtbot: QtBot, plot: QWidget, name: str) -> None:
 def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
+    window.document.accept_errors(np.geomspace(1e-3, 0.2, len(window.document.spectrum)))
     plot, spectrum = window.spectrum_panel.plot, window.document.spectrum
     svg = saved(qtbot, window, plot, tmp_path / "a.svg").read_text(encoding="utf-8")
     before = plot.grab().toImage()  # deferred drawing has ended by now
@@ -88,7 +89,9 @@ def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
         assert picture.getpixel((2, picture.height - 2)) == (255, 255, 255), "light on paper"
     with saved(qtbot, window, plot, tmp_path / "a.csv").open(encoding="utf-8") as file:
         rows = list(csv.reader(file))
-    assert rows[0] == ["series", "Index", "λ (nm⁻²)"]
+    assert rows[0] == ["series", "Index", "λ (nm⁻²)", "mesh_error"]
+    errors = [float(row[3]) for row in rows if row[0] == "eigenvalue"]
+    np.testing.assert_array_equal(errors, spectrum.mesh_errors)
     found = [float(row[2]) for row in rows if row[0] == "eigenvalue"]
     np.testing.assert_array_equal(found, spectrum.eigenvalues)
     assert plot.grab().toImage() == before, "and is as it was on the screen"

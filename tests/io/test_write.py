@@ -166,6 +166,7 @@ def test_eigenpairs_come_back(
         np.full(k, 1e-12),
         Certificate("inertia", k, k, float(k), orthonormality=1e-15),
         mass=np.ones(n),
+        mesh_errors=np.array([0.0, 0.01, 0.02, 0.07]),
     )
     path = tmp_path / f"pairs{ending}"
     write_eigenpairs(path, pairs, mesh, {"count": k})
@@ -180,6 +181,7 @@ def test_eigenpairs_come_back(
         np.testing.assert_allclose(values, pairs.eigenvectors, rtol=1e-6)
         assert names == meta["columns"] == ["phi_000", "phi_001", "phi_002", "phi_003"]
     assert meta["options"]["eigenvalues"] == [0.0, 1.0, 2.0, 3.0]
+    assert meta["options"]["mesh_errors"] == [0.0, 0.01, 0.02, 0.07]
     assert meta["options"]["proof"] == pairs.proof(mesh.unit)
     assert meta["options"]["count"] == k
 

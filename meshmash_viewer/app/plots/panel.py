@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -191,14 +192,19 @@ class PlotSaver(QObject):
                 self._write_vectors(part, ending == ".pdf")
 
     def _write_numbers(self, path: Path) -> None:
-        """Write a CSV table with a row per point: series, x and y, with the names of the axes."""
-        bottom, left = self._plot.labels
+        """Write a CSV table with a row per point: series, x and y, with the names of the axes.
+
+        If errors of a series are known, they are a fourth column.
+        """
+        drawn = self._numbers()
+        with_errors = any(np.size(each.errors) for each in drawn)
         with path.open("w", encoding="utf-8", newline="") as file:
             table = csv.writer(file)
-            table.writerow(["series", bottom, left])
-            for each in self._numbers():
-                pairs = zip(np.asarray(each.x).tolist(), np.asarray(each.y).tolist(), strict=True)
-                table.writerows([each.name, x, y] for x, y in pairs)
+            table.writerow(["series", *self._plot.labels, "mesh_error"][: 3 + with_errors])
+            for each in drawn:
+                points = [np.asarray(part).tolist() for part in (each.x, each.y, each.errors)]
+                for x, y, error in zip_longest(*points, fillvalue=""):
+                    table.writerow([each.name, x, y, error][: 3 + with_errors])
 
     def _write_vectors(self, path: Path, as_pdf: bool) -> None:
         with self._on_paper() as (size, draw):

@@ -344,6 +344,8 @@ class Series:
     x: npt.ArrayLike
     y: npt.ArrayLike
     color: str = ""
+    #: Relative errors of y, for the table of the plot; empty if unknown.
+    errors: npt.ArrayLike = ()
 
 
 #: Magnitude above which entries have the full colour; entries of a refined map are at most 1.

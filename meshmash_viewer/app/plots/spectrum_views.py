@@ -149,7 +149,7 @@ class EigenvalueView:
         values = spectrum.eigenvalues
         name = "approximate eigenvalue" if spectrum.preview else "eigenvalue"
         return [
-            Series(name, np.arange(len(values)), values, colors.accent),
+            Series(name, np.arange(len(values)), values, colors.accent, spectrum.mesh_errors),
             Series("Weyl’s law", along, 10.0**law if self.log else law, colors.reference),
         ]
 

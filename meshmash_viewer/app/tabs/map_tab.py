@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -168,6 +169,7 @@ class MapTab(FamilyTab):
         if path is None:
             return
         try:
+            found = replace(found, mesh_errors=spectrum.mesh_errors)
             write_map_spectrum(path, found, mesh, name)
         except InputError as fault:
             document.notices.say(f"The coefficients were not saved: {fault}", Severity.ERROR)
