@@ -13,6 +13,7 @@ from meshmash_viewer.arrays import FileNumbering, FloatArray, IntArray, first_eq
 from meshmash_viewer.errors import InputError, MeshWarning, of_mesh, unknown
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import (
+    connected,
     count_connected,
     edges_of,
     join_seams,
@@ -24,6 +25,8 @@ from meshmash_viewer.vertex_map import VertexMap
 
 #: Angle (rad) below which two faces at an edge have the same direction, above rounding.
 _SAME_DIRECTION = 1e-9
+#: Distance of vertices at one place, relative to the shortest open edges at both.
+_ROUNDING = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,7 @@ class Health:
     reversed_faces: int
     #: Vertices that no face with three different corners uses.
     unreferenced_vertices: int
-    #: Vertices with exactly the coordinates of an earlier vertex.
+    #: Vertices at the place of an earlier vertex, see `first_at_place`.
     coincident_vertices: int
     #: Coincident vertices on seams, which the repair merge_seams joins.
     seam_vertices: int
@@ -274,8 +277,34 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 
 def first_at_place(mesh: Mesh) -> IntArray:
-    """Return, for each vertex, the lowest index of a vertex with its coordinates, shape (n,)."""
-    return first_equal(mesh.vertices + 0.0)  # + 0.0 makes -0.0 equal to 0.0
+    """Return, for each vertex, the lowest index of a vertex at its place, shape (n,).
+
+    Vertices with the same coordinates are at one place, and so are vertices of open edges that
+    differ by rounding.
+    """
+    from scipy.spatial import KDTree
+
+    places = first_equal(mesh.vertices + 0.0)  # + 0.0 makes -0.0 equal to 0.0
+    n, edges = (
+        mesh.n_vertices,
+        edges_of(side_codes(mesh.faces[mesh.distinct_corners], mesh.n_vertices)),
+    )
+    ends = np.column_stack(np.divmod(edges.keys[edges.counts == 1], n))
+    if not len(ends):
+        return places
+    lengths = np.linalg.norm(np.subtract(*mesh.vertices[ends.T]), axis=1)
+    shortest = np.full(n, np.inf)
+    np.minimum.at(shortest, ends, lengths[:, None])
+    used = np.unique(ends)
+    tree = KDTree(mesh.vertices[used])
+    first, second = used[tree.query_pairs(_ROUNDING * np.median(lengths), output_type="ndarray")].T
+    apart = np.linalg.norm(mesh.vertices[first] - mesh.vertices[second], axis=1)
+    near = apart <= _ROUNDING * np.minimum(shortest[first], shortest[second])
+    near &= places[first] != places[second]
+    if not near.any():
+        return places
+    labels = connected(places[first[near]], places[second[near]], n)
+    return np.asarray(np.unique(labels, return_index=True)[1][labels][places])
 
 
 def _moved(onto: IntArray) -> int:

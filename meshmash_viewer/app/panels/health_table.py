@@ -87,7 +87,7 @@ _ROWS = (
     ),
     _Row(
         "coincident_vertices", "Coincident vertices", "Merge all", "merge_coincident_vertices",
-        tooltip="Vertices at exactly the place of another, on seams and where sheets touch; "
+        tooltip="Vertices at the place of another, on seams and where sheets touch; "
         "merging all of them joins such sheets",
     ),
 )  # fmt: skip
