@@ -26,6 +26,7 @@ _LAYER = re.compile(
 _PIPED = re.compile(r"(.*)\|(neuroglancer-precomputed|graphene):?/?", re.IGNORECASE)
 #: The segment and the level of detail at the end of a `MeshLink`.
 _CHOSEN = re.compile(r"#segment=(\d+)(?:&lod=(\d+))?$")
+_MANIFEST = re.compile(r"(\d+):\d+(?:\.gz)?")
 #: Number of bytes read from a link file.
 _LARGEST = 10_000
 
@@ -56,6 +57,14 @@ class Layer:
     segments: tuple[int, ...] = ()
     lod: int | None = None
     name: str = ""
+
+
+def link_of_manifest(path: str | Path) -> MeshLink | None:
+    """Return the link to a segment if the file, such as "123:0", lists its fragments next to it."""
+    named = _MANIFEST.fullmatch(Path(path).name)
+    if named is None:
+        return None
+    return MeshLink(f"precomputed://file://{Path(path).absolute().parent}", segment_id(named[1]))
 
 
 def is_link(text: object) -> TypeGuard[str]:

@@ -31,7 +31,14 @@ from meshmash_viewer.io.formats.meshparty import read_meshparty
 from meshmash_viewer.io.formats.npz import npz_limits, read_npz
 from meshmash_viewer.io.formats.polygons import read_obj, read_off, read_ply, read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtk_xml
-from meshmash_viewer.io.links import LINK_ENDING, MeshLink, is_link, parse_link, read_link
+from meshmash_viewer.io.links import (
+    LINK_ENDING,
+    MeshLink,
+    is_link,
+    link_of_manifest,
+    parse_link,
+    read_link,
+)
 from meshmash_viewer.io.raw import (
     LimitExceeded,
     RawMesh,
@@ -164,8 +171,9 @@ def read_mesh(
     if link is None:
         path = Path(path)
         check_file(path)
-        ending = _ending(path)
-        link = read_link(path) if ending == LINK_ENDING else None
+        if (link := link_of_manifest(path)) is None:
+            ending = _ending(path)
+            link = read_link(path) if ending == LINK_ENDING else None
     subject, name = (path, mesh_name(path)) if link is None else (link, str(link.segment))
     ReadLimits.of(0)  # raises an error for an invalid environment variable
     try:

@@ -16,6 +16,7 @@ _ON_SURFACE = (
     " convert values of a surface with mri_convert to .mgh"
 )
 _WITH_PYBICPL = "convert it to a Wavefront OBJ with obj_mni2wf of the Python package pybicpl"
+_BY_LINK = "open a segment by its link, such as precomputed://file:///folder#segment=123"
 #: Ending of datasets of AFNI, and what to do with them.
 _AFNI = ".dset", "is a dataset of AFNI; write it as GIFTI, with ConvertDset -o_gii"
 #: Pattern of the first bytes, kind of file, and the endings of this kind or a remedy.
@@ -38,6 +39,9 @@ _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
     (rb"MZ[\x01-\x7f]\0", "a file of Surf Ice (MZ3)", "save it there as PLY, OBJ or GIFTI"),
     (rb"P(\s+[-+.\deE]+){5}\s+\d+\s", "an object file of MNI and CIVET", _WITH_PYBICPL),
     (rb"MATLAB \d", "a MATLAB file", "write its vertices, and its faces minus 1, as NPZ or PLY"),
+    (rb'\s*\{.*"asset"', "a glTF file", (".gltf",)),
+    (rb'\s*\{.*"(fragments|data_type|@type)"', "a part of a layer of Neuroglancer", _BY_LINK),
+    (rb'\s*[{\[]\s*["{\[\d-]', "a JSON file", "write the arrays in it as NPZ"),
     (rb"PK\x03\x04", "a ZIP archive", "unpack it, or export the mesh in it as PLY"),
     (rb"version https://git-lfs", "a pointer of Git LFS", "fetch the file with git lfs pull"),
     (rb"(?i)\s*(<!doctype html|<html)", "a web page", "download the file that the page links to"),

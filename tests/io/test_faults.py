@@ -132,6 +132,10 @@ PLY = b"ply\nformat ascii 1.0\nend_header\n"
             gzip.compress(b"MZ\x0b\0\0\5", mtime=0),
             "is a file of Surf Ice (MZ3); save it there as",
         ),
+        ("info", b'{"data_type": "uint64", "mesh"', "is a part of a layer of Neuroglancer; open"),
+        ("a.json", b'{"fragments": ["1:0:0"]}', "is a part of a layer of Neuroglancer; open"),
+        ("a.json", b' {"vertices": [[0, 1, 2]', "is a JSON file; write the arrays in it as NPZ."),
+        ("a.json", b'{"asset": {"version": "2.0"}', "is a glTF file by its content; change its"),
         ("mid.obj", b"P 0.3 0.3 0.4 10 1 642\n -2", "is an object file of MNI and CIVET; convert"),
         (
             "mid.obj.gz",

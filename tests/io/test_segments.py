@@ -154,6 +154,11 @@ def test_a_folder_of_meshes_without_a_layer(
         assert np.array_equal(mesh.vertices, expected.vertices)
         assert np.array_equal(mesh.faces, expected.faces)
         assert mesh.unit == "nm"
+        if layout in ("fragments", "draco"):  # the file that lists the fragments is the mesh
+            with pytest.warns(MeshWarning, match="now joined"):
+                listed = read_mesh(folder / f"{SEGMENT}:0")
+            assert np.array_equal(listed.vertices, expected.vertices)
+            assert listed.name == str(SEGMENT)
     assert "has no mesh; check the id" in fault_of(source(folder), 12)
 
 
