@@ -503,7 +503,7 @@ def test_what_a_filter_misses_beyond_the_last_pair_is_bounded(window: MainWindow
         if note.isVisible():
             assert f"The filter is {passed} at the last of" in note.text()
             size = format_quantity(np.sqrt(bound / mass.sum()), "mm", 1, 2)
-            assert f"at most {size}. The mesh resolves about 36 pairs" in note.text()
+            assert f"at most {size}. The mesh resolves about 31 pairs" in note.text()
     assert bound / varies > 0.01, "the note was seen"
     document.display.change(OwnMaps, chosen="Gaussian curvature")  # a computed map
     document.display.change(Filters, values=(("s", 1e-6 / last),))
