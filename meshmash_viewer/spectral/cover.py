@@ -170,9 +170,9 @@ def _flip(corners, twins, squares, areas, counts):  # type: ignore[no-untyped-de
         right, left = (h if right == of_ad else right), (t if left == of_bc else left)
         twins[t], twins[right], twins[h], twins[left] = right, t, left, h
         twins[of_bc], twins[of_ad] = of_ad, of_bc
-        for side in (h, t, 3 * f + (i + 2) % 3, 3 * g + (j + 2) % 3):
-            lower = min(side, twins[side])
-            if not stacked[lower] and _flat(side, twins[side], squares, areas):
+        for each in (h, t, 3 * f + (i + 2) % 3, 3 * g + (j + 2) % 3):
+            lower = min(each, twins[each])
+            if not stacked[lower] and _flat(each, twins[each], squares, areas):
                 stack[size], stacked[lower] = lower, True
                 size += 1
 
