@@ -125,7 +125,7 @@ def polydata_triangles(poly: Any) -> tuple[FloatArray, IntArray]:
         corners = convert(cells.GetConnectivityArray()).astype(np.int64)
         counts = np.diff(offsets)
         if offsets[0] < 0 or offsets[-1] > len(corners) or counts.min() < 0:
-            raise InputError("no-surface", "Corners of cells overlap or end beyond the last")
+            raise InputError("no-faces", "Corners of cells overlap or end beyond the last")
         corners = corners[offsets[0] : offsets[-1]]
         triangles.append(
             strip_triangles(corners, counts)
@@ -175,7 +175,7 @@ def _convex_fans(vertices: FloatArray, indices: IntArray, counts: IntArray) -> _
     _, overlap = _areas(_own_coordinates(vertices[indices], counts), triangles, counts)
     if overlap.any():
         raise InputError(
-            "polygon-too-large",
+            "too-many",
             f"A polygon of {counts[overlap][0]:,} corners is not convex",
             f"cut polygons of more than {_MOST_CORNERS:,} in the program that wrote them",
         )

@@ -103,7 +103,7 @@ class VertexMap:
             first.setdefault(label.key, label)
         if len(first) > MOST_LABELS:
             fault = f"Map {name!r} has {len(first):,} labels, more than {MOST_LABELS} colours"
-            raise InputError("too-many-labels", fault, "join some of them")
+            raise InputError("too-many", fault, "join some of them")
         object.__setattr__(self, "labels", tuple(first.values()))
         values.flags.writeable = False
         object.__setattr__(self, "values", values)

@@ -37,6 +37,8 @@ def test_a_vertex_is_a_whole_number(given: Any) -> None:
     "call",
     [
         lambda given: mv.decompose_mesh(MESH, n_components=given),
+        lambda given: mv.decompose_laplacian(*mv.cotangent_laplacian(MESH), n_components=given),
+        lambda given: mv.compute_hks(MESH, 10.0, band_size=given),
         lambda given: mv.compute_hks(MESH, max_eigenvalue=given),
         lambda given: mv.compute_geometry_vectors(MESH, n_components=given, max_eigenvalue=5.0),
     ],
@@ -82,7 +84,7 @@ def test_faces_of_other_types_are_the_same_mesh(faces: Any) -> None:
     ],
 )
 def test_invalid_faces_are_refused(faces: Any) -> None:
-    with pytest.raises(InputError, match="Faces"):
+    with pytest.raises(InputError):
         mv.Mesh(VERTICES, faces)
 
 
@@ -97,7 +99,7 @@ def test_invalid_faces_are_refused(faces: Any) -> None:
     ],
 )
 def test_masked_coordinates_and_times_are_refused(vertices: Any) -> None:
-    with pytest.raises(InputError, match=r"NaN or infinite|array of numbers"):
+    with pytest.raises(InputError):
         mv.Mesh(vertices, FACES)
 
 

@@ -313,11 +313,11 @@ def test_columns_that_do_not_do(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "word"),
     [
-        ({"kinds": ("heat",)}, "unknown-name", ""),
+        ({"kinds": ("heat",)}, "unknown-name", "are heat: give different ones out of hks"),
         ({"kinds": ()}, "unknown-name", "none: give"),
         ({"t_max": 0.001}, "bounds-swapped", "t_min"),
         ({"max_eigenvalue": 0.0}, "out-of-range", "max_eigenvalue is 0"),
-        ({"unit": "ell"}, "unknown-name", ""),
+        ({"unit": "ell"}, "unknown-name", "nm, µm, mm, m"),
         ({"n_times": 0}, "out-of-range", "n_times is 0"),
     ],
 )
@@ -463,8 +463,3 @@ def test_names_in_an_array_are_classes(several: bool) -> None:
     model = mv.train_classes(*given, columns, scored=False)
     assert model.names == ("lower", "upper")
     assert model.meshes[0]["n_labelled"] == mesh.n_vertices
-
-
-def test_training_without_labels_is_refused() -> None:
-    with raises("not-labels", "one whole number or name per vertex"):
-        mv.train_classes(shapes.blob(1), None, "curvature")  # type: ignore[arg-type]

@@ -225,26 +225,15 @@ def test_a_threshold_above_everything_gives_everything(neuron, matrices, dense):
 def test_a_negative_threshold_is_refused(sphere, threshold):
     with raises("out-of-range", "max_eigenvalue is"):
         decompose_laplacian_by_bands(*cotangent_laplacian(sphere), threshold)
-    with raises("out-of-range", "max_eigenvalue is"):
-        spectral_geometry_filter(sphere, max_eigenvalue=threshold)
-    with raises("out-of-range"):
-        compute_geometry_vectors(sphere, max_eigenvalue=threshold)
 
 
-def test_more_than_all_is_all_and_less_than_one_is_refused(sphere):
+def test_more_than_all_is_all(sphere):
     for count in (642, 643, 10**6):
         above = pytest.warns(MeshWarning, match=f"{count:,} .* the mesh has 642, and all of them")
         with above if count > 642 else nullcontext():
             eigenvalues, eigenvectors = decompose_mesh(sphere, count)
         assert len(eigenvalues) == 642
         assert eigenvectors.shape == (642, 642)
-    for count in (0, -3, 2.5):
-        with raises("out-of-range", "n_components is"):
-            decompose_mesh(sphere, count)
-        with raises("out-of-range", "n_components is"):
-            compute_hks(sphere, 10.0, n_components=count)
-    with raises("out-of-range", "band_size is 0"):
-        compute_hks(sphere, 10.0, band_size=0)
 
 
 # Invariance --------------------------------------------------------------------------------------
@@ -459,7 +448,7 @@ def test_no_filter_returns_pairs_and_drops_exactly_one(neuron, matrices):
         (lambda x: np.ones((2, 3)), "for 30 eigenvalues"),
         (lambda x: np.ones(5), "for 30 eigenvalues"),
         (lambda x: np.where(x > 0, 1.0, np.inf)[None], "returned inf for the eigenvalue 0:"),
-        (lambda x: None, ""),
+        (lambda x: None, "returned None"),
         (lambda x: np.nan, "shape () for 30 eigenvalues"),
         (lambda x: np.exp(1j * x)[None], "returned values of type complex128"),
     ],
@@ -629,20 +618,6 @@ def test_the_mollification_asked_for_is_the_one_of_the_operator() -> None:
     plain = compute_hks(cotangent_laplacian(mesh), max_eigenvalue=50.0, **times)
     found = compute_hks(mesh, max_eigenvalue=50.0, robust=False, **times)
     np.testing.assert_array_equal(found, plain)
-
-
-@pytest.mark.parametrize("count", [2.5, 0, -3, np.nan, np.inf])
-def test_a_number_of_pairs_is_a_whole_one(count: float) -> None:
-    mesh = shapes.icosphere(1)
-    matrices = cotangent_laplacian(mesh)
-    for ask in (
-        lambda: decompose_laplacian(*matrices, n_components=count),
-        lambda: decompose_mesh(mesh, n_components=count),
-        lambda: decompose_laplacian_by_bands(*matrices, max_eigenvalue=3.0, band_size=count),
-    ):
-        with raises("out-of-range", "give a whole number from 1"):
-            ask()
-    assert len(decompose_mesh(mesh, n_components=3.0)[0]) == 3
 
 
 def test_a_decomposition_says_what_its_stages_took() -> None:

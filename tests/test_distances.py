@@ -115,18 +115,7 @@ def test_a_rigid_motion_and_another_order_change_nothing() -> None:
     np.testing.assert_allclose(found, geodesic_distance(mesh, 9)[order], rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.parametrize("vertex", [-1, 162, 10**9])
-def test_a_vertex_that_does_not_exist_is_one_sentence(vertex: int) -> None:
-    mesh = shapes.icosphere(2)
-    with raises("vertex-out-of-range"):
-        geodesic_distance(mesh, vertex)
-    with raises("vertex-out-of-range", f"There is no vertex {vertex}"):
-        biharmonic_distance([0.0, 1.0], np.ones((162, 2)), vertex)
-
-
 def test_times_and_shapes_are_checked() -> None:
-    with raises("out-of-range", "positive"):
-        diffusion_distance([0.0, 1.0], np.ones((3, 2)), 0, time=0.0)
     with raises("wrong-shape"):
         commute_time_distance([0.0, 1.0, 2.0], np.ones((3, 2)), 0)
 
@@ -221,12 +210,17 @@ def test_what_is_missing_of_them_is_what_more_pairs_add() -> None:
         (-1, {}, "vertex-out-of-range", "no vertex -1"),
         (325, {}, "vertex-out-of-range", "no vertex 325"),
         (324, {}, "vertex-unused", "belongs to no face"),
-        ([3, 3], {}, "no-vertices", ""),
+        ([3, 3], {}, "no-vertices", "each once"),
         ([], {}, "no-vertices", "one or more"),
         (3, {"measure": "walk"}, "unknown-name", "no distance 'walk'"),
-        (3, {"measure": "commute"}, "no-eigenpairs", "needs eigenpairs"),
-        (3, {"measure": "diffusion", "decomposition": "pairs"}, "out-of-range", ""),
-        (3, {"measure": "diffusion", "decomposition": "pairs", "time": [1, 2]}, "out-of-range", ""),
+        (3, {"measure": "commute"}, "no-eigenpairs", "needs pairs"),
+        (3, {"measure": "diffusion", "decomposition": "pairs"}, "out-of-range", "time is None"),
+        (
+            3,
+            {"measure": "diffusion", "decomposition": "pairs", "time": 0},
+            "out-of-range",
+            "time is 0",
+        ),
     ],
 )
 def test_what_there_is_no_distance_from_is_said(

@@ -89,26 +89,21 @@ def test_domains_without_weight_have_the_plain_mean_and_absent_ones_none() -> No
     np.testing.assert_array_equal(means[0], [np.nan, 2.0, np.nan, 8.0])
 
 
+MESH = shapes.icosphere(1)
+
+
 @pytest.mark.parametrize(
     ("call", "code", "word"),
     [
-        (lambda: aggregate_features(np.ones(3), [0, 1]), "not-labels", ""),
+        (lambda: aggregate_features(np.ones(3), [0, 1]), "not-labels", "for each of 3 vertices"),
         (lambda: aggregate_features(np.ones(2), [0.0, 1.0]), "not-labels", "type float64"),
-        (lambda: aggregate_features(np.ones(2), [0, -2]), "not-labels", ""),
-        (lambda: aggregate_features(np.ones(2), [0, 1], [1, -1]), "wrong-shape", ""),
-        (lambda: expand_features([1.0, 2.0], [0, 5]), "missing-row", ""),
-        (
-            lambda: condense_mesh_to_graph(shapes.icosphere(1), np.full(42, -1)),
-            "no-labels",
-            "all labels",
-        ),
-        (
-            lambda: condense_mesh_to_graph(shapes.icosphere(1), np.zeros(42, int), [1, 2]),
-            "out-of-range",
-            "give x, y and z",
-        ),
+        (lambda: aggregate_features(np.ones(2), [0, -2]), "not-labels", "from -1 (none)"),
+        (lambda: aggregate_features(np.ones(2), [0, 1], [1, -1]), "wrong-shape", "numbers from 0"),
+        (lambda: expand_features([1.0, 2.0], [0, 5]), "no-column", "Domain 5"),
+        (lambda: condense_mesh_to_graph(MESH, np.full(42, -1)), "no-labels", "all labels are -1"),
+        (lambda: condense_mesh_to_graph(MESH, np.zeros(42, int), [1, 2]), "out-of-range", "x, y"),
     ],
-)
+)  # fmt: skip
 def test_what_does_not_match_is_one_sentence(call: Any, code: str, word: str) -> None:
     with raises(code, word) as caught:
         call()

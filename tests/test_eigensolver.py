@@ -378,6 +378,7 @@ def test_nonsense_is_refused_in_a_sentence() -> None:
         ("wrong-type", "complex128", (L * 1j, M, 5), {}),
         ("wrong-shape", "(n, n)", (None, M, 5), {}),
         ("not-semidefinite", "give -L", (-L, M, 5), {}),
+        ("not-finite", "negative", (L, -M, 5), {}),
         ("not-diagonal", "area_matrix", (L, L, 5), {}),
         ("not-diagonal", "area_matrix", (L, across, 5), {}),
         ("wrong-shape", f"shape (5,): give ({N_POINTS}, {N_POINTS})", (L, np.ones(5), 5), {}),

@@ -88,10 +88,8 @@ def test_the_documented_filter_is_the_basis_evaluated():
     [(0.0, 1.0, 0), (0.0, 1.0, 2.5), (1.0, 1.0, 4), (-np.inf, 1.0, 4), (0.0, np.inf, 4)],
 )
 def test_senseless_bsplines_are_refused(arguments):
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=r"finite range|whole number"):
         construct_bspline_basis(*arguments)
-    with raises("bounds-swapped", "finite range"):
-        construct_bspline_filter(0.0, np.inf, 4)
 
 
 def test_automatic_times_are_those_of_the_paper():
@@ -190,8 +188,6 @@ def test_heat_bank_names_its_times_apart():
     assert (bank.parameter_name, bank.parameter_power, bank.n_filters) == ("t", 2, 2)
     near = heat_kernel_bank(np.linspace(1.0, 1.001, 50))
     assert len(set(near.columns)) == 50
-    with raises("out-of-range", "negative"):
-        heat_kernel_bank([-1.0])
     with raises("wrong-shape", "at least one"):
         heat_kernel_bank([])
 
@@ -252,12 +248,6 @@ def test_banks_travel_to_other_processes(bank):
     np.testing.assert_array_equal(copy(SPECTRUM), bank(SPECTRUM))
     with raises("wrong-shape", "1-D"):
         bank(SPECTRUM.reshape(8, 8))
-
-
-@pytest.mark.parametrize("width", [0.0, -1.0, np.inf, np.nan])
-def test_a_width_of_bands_is_positive_and_finite(width):
-    with raises("out-of-range", "width of the energy bands"):
-        wave_kernel_bank(SPECTRUM, 10, width)
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 12])
@@ -341,8 +331,8 @@ def test_a_deviation_alone_leaves_the_bands_inside_the_range():
         ({"energies": [1.0, np.inf]}, "out-of-range", "natural logarithm"),
         ({"energies": [-800.0, 1.0]}, "out-of-range", "natural logarithm"),
         ({"energies": [1.0, 800.0]}, "out-of-range", "natural logarithm"),
-        ({"energies": [1.0, 2.0, 1.0]}, "given-twice", ""),
-        ({"energies": ["low"]}, "out-of-range", ""),
+        ({"energies": [1.0, 2.0, 1.0]}, "conflicting-arguments", "each once"),
+        ({"energies": ["low"]}, "out-of-range", "1-D list"),
         ({"energies": [1.0]}, "missing-argument", "give sigma"),
         ({"energies": [1.0, 2.0], "sigma": 0.0}, "out-of-range", "positive"),
         ({"energies": [1.0, 2.0], "width": -1.0}, "out-of-range", "positive"),

@@ -76,43 +76,36 @@ def test_the_unit_of_a_parameter_follows_from_the_formula(text: str, powers: dic
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "word"),
+    ("text", "word"),
     [
-        ("", "unreadable-formula", "There is no formula"),
-        ("exp(-t*x", "unreadable-formula", "at character 4: this bracket is not closed, so add )"),
-        ("exp(-t*x))", "unreadable-formula", "at character 10: this bracket closes none"),
-        ("2x", "unreadable-formula", "at character 2: write a sign such as * between 2 and x"),
-        (
-            "1e-3*x+exp(-t x)",
-            "unreadable-formula",
-            "at character 15: write a sign such as * between t and x",
-        ),
-        (
-            "exp(-t*lambda)",
-            "unreadable-formula",
-            "at character 8: lambda is a reserved word, so write x for λ",
-        ),
-        ("x +* 2", "unreadable-formula", "at character 4: write one such as exp(-2*t*x)"),
-        ("x^", "unreadable-formula", "cannot be read at character 2"),
-        (" t + x*", "unreadable-formula", "cannot be read at character 7"),
-        ("__import__('os').system('true')", "unreadable-formula", "wrong at character 1"),
-        ("x.real", "unreadable-formula", "wrong at character 1"),
-        ("2 * x[0]", "unreadable-formula", "wrong at character 5"),
-        ("f(x)", "unreadable-formula", "f is not a function; functions are exp"),
-        ("exp", "unreadable-formula", "exp is a function"),
-        ("where(x)", "unreadable-formula", "where takes 3 values"),
-        ("x == 1", "unreadable-formula", "only numbers"),
-        ("lambda: 1", "unreadable-formula", "only numbers"),
-        ("True", "unreadable-formula", "only numbers"),
-        ("1e400", "unreadable-formula", "too large"),
-        ("x" * 201, "unreadable-formula", "longer than 200"),
-        ("-" * 40 + "x", "unreadable-formula", "nested deeper"),
-        ("a+b+c+d+x+g", "too-many-names", "5 parameters"),
+        ("", "There is no formula"),
+        ("exp(-t*x", "at character 4: this bracket is not closed, so add )"),
+        ("exp(-t*x))", "at character 10: this bracket closes none"),
+        ("2x", "at character 2: write a sign such as * between 2 and x"),
+        ("1e-3*x+exp(-t x)", "at character 15: write a sign such as * between t and x"),
+        ("exp(-t*lambda)", "at character 8: lambda is a reserved word, so write x for λ"),
+        ("x +* 2", "at character 4: write one such as exp(-2*t*x)"),
+        ("x^", "cannot be read at character 2"),
+        (" t + x*", "cannot be read at character 7"),
+        ("__import__('os').system('true')", "wrong at character 1"),
+        ("x.real", "wrong at character 1"),
+        ("2 * x[0]", "wrong at character 5"),
+        ("f(x)", "f is not a function; functions are exp"),
+        ("exp", "exp is a function"),
+        ("where(x)", "where takes 3 values"),
+        ("x == 1", "only numbers"),
+        ("lambda: 1", "only numbers"),
+        ("True", "only numbers"),
+        ("1e400", "too large"),
+        ("x" * 201, "longer than 200"),
+        ("-" * 40 + "x", "nested deeper"),
     ],
 )
-def test_what_is_no_formula_is_one_sentence(text: str, code: str, word: str) -> None:
-    with raises(code, word):
+def test_what_is_no_formula_is_one_sentence(text: str, word: str) -> None:
+    with raises("unreadable-formula", word):
         Formula(text)
+    with raises("too-many", "5 parameters"):
+        Formula("a+b+c+d+x+g")
 
 
 @pytest.mark.parametrize(
@@ -153,7 +146,7 @@ def test_an_error_points_at_the_character(before: str, fault: str) -> None:
         ("log(x/c)", {"c": 1e-8}, "not-finite", "infinite at λ = 0: write where"),
         ("sin(1/x)", {}, "not-finite", "not a number at λ = 0: write where"),
         ("9**9**9", {}, "not-finite", "infinite"),
-        ("exp(t*x)", {"t": 1e30}, "not-finite", ""),
+        ("exp(t*x)", {"t": 1e30}, "not-finite", "its parameters"),
         ("exp(-t*x)", {}, "missing-argument", "has a parameter t"),
         ("x", {"t": 1.0}, "unknown-name", "has no parameter t"),
     ],

@@ -100,8 +100,8 @@ def test_the_store_distinguishes_masks() -> None:
 @pytest.mark.parametrize(
     ("mask", "code", "word"),
     [
-        (np.ones(5, dtype=bool), "wrong-shape", ""),
-        (np.ones(162), "wrong-shape", ""),
+        (np.ones(5, dtype=bool), "wrong-shape", "bool and shape (5,)"),
+        (np.ones(162), "wrong-shape", "type float64"),
         (np.zeros(162, dtype=bool), "no-faces", "0 vertices and no whole face"),
         (np.arange(162) == 3, "no-faces", "1 vertex and no whole face"),
     ],
@@ -140,7 +140,7 @@ def test_labels_and_values_are_masks(
 
 @pytest.mark.parametrize(
     ("named", "code", "word"),
-    [("top", "unknown-name", ""), ("", "missing-argument", "")],
+    [("top", "unknown-name", "front, back"), ("", "missing-argument", "front, back")],
 )
 def test_a_label_that_is_none_is_one_sentence(named: str, code: str, word: str) -> None:
     with raises(code, word):

@@ -41,7 +41,7 @@ TRIANGLE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
         (TRIANGLE, [[True, False, True]], "wrong-type", "type bool"),
         (TRIANGLE, [[0, 0, 1]], "no-area", "coincide"),
         (TRIANGLE * [1.0, 0.0, 0.0], [[0, 1, 2]], "no-area", "lie on lines"),
-        (np.zeros((0, 3)), [[0, 1, 2]], "vertex-out-of-range", ""),
+        (np.zeros((0, 3)), [[0, 1, 2]], "vertex-out-of-range", "[0, 1, 2]"),
     ],
 )
 def test_invalid_meshes_are_refused_by_name(vertices, faces, code, word):

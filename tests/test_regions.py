@@ -232,7 +232,7 @@ def test_bad_labels_get_one_sentence() -> None:
         (np.full(162, 0.5), "not-labels", "'labels' has values that are no whole numbers"),
         (np.zeros(162), "no-labels", "'labels' has no vertex with a label"),
         (np.array([b"a"] * 162), "not-labels", "give one whole number or name per vertex"),
-        (np.arange(162), "no-regions", "no face whose three corners have the same label"),
+        (np.arange(162), "no-labels", "no face whose three corners have the same label"),
     ]
     for labels, code, word in cases:
         with raises(code, word):

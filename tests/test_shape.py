@@ -178,7 +178,7 @@ def test_perfect_matches_are_confident():
 
 
 def test_matching_refuses_what_does_not_fit():
-    with raises("other-columns", "3 and 2 columns"):
+    with raises("wrong-shape", "3 and 2 columns"):
         match_features(np.ones((4, 3)), np.ones((4, 2)))
     with raises("no-values", "no vertex with features"):
         match_features(np.ones((4, 3)), np.full((4, 3), np.nan))

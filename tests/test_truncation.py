@@ -379,7 +379,7 @@ def test_auto_takes_all_pairs_at_most_and_says_where_the_mesh_ends():
     ("options", "code", "word"),
     [
         ({"count": "auto"}, "missing-argument", "give t_min"),
-        ({"count": "all"}, "out-of-range", ""),
+        ({"count": "all"}, "out-of-range", 'a number or "auto"'),
         ({"count": 0}, "out-of-range", "whole number"),
         ({"count": 5, "wavelength": 1.0}, "conflicting-arguments", "count and wavelength"),
         ({"count": 5, "max_eigenvalue": 2.0}, "conflicting-arguments", "max_eigenvalue and count"),
@@ -389,7 +389,7 @@ def test_auto_takes_all_pairs_at_most_and_says_where_the_mesh_ends():
             "max_eigenvalue and count",
         ),
         ({"wavelength": -1.0}, "out-of-range", "positive"),
-        ({"tail": "gauss"}, "unknown-name", ""),
+        ({"tail": "gauss"}, "unknown-name", "no tail 'gauss'"),
     ],
 )
 def test_extents_that_make_no_sense_are_refused(sphere, options, code, word):

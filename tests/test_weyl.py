@@ -56,6 +56,7 @@ def test_targets_translate_into_each_other():
         ("max_eigenvalue", -1.0, "out-of-range", "largest eigenvalue is -1"),
         ("wavelength", math.inf, "out-of-range", "positive"),
         ("wavelength", math.nan, "out-of-range", "positive"),
+        ("wavelength", 1e-250, "out-of-range", "shortest wavelength is 1e-250"),
         ("length", 1.0, "unknown-name", "no target"),
     ],
 )

@@ -133,7 +133,7 @@ def expand_features(condensed: DataFrame | npt.ArrayLike, labels: npt.ArrayLike)
     table = given if hasattr(given, "reindex") else pandas.DataFrame(np.asarray(given))
     if missing := sorted(set(known[known >= 0].tolist()) - set(table.index)):
         fault = f"Domain {missing[0]} is not among the {len(table)} rows"
-        raise InputError("missing-row", fault, "give the table of these labels")
+        raise InputError("no-column", fault, "give the table of these labels")
     rows = table.drop(index=-1, errors="ignore").reindex(known).astype(np.float64)
     if table is given:
         return rows.reset_index(drop=True)

@@ -141,7 +141,7 @@ def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
         raise wrong_shape(f"Values of {name}", parameters.shape, "a 1-D list of at least one")
     if len(parameters) > MOST_FILTERS:
         fault = f"A column for each {name} would be {len(parameters):,} columns"
-        raise InputError("too-many-columns", fault, f"give at most {MOST_FILTERS:,}")
+        raise InputError("too-many", fault, f"give at most {MOST_FILTERS:,}")
     if not (np.isfinite(parameters).all() and (parameters >= 0.0).all()):
         fault = f"A {name} is negative or not finite ({parameters.tolist()})"
         raise InputError("out-of-range", fault, "give numbers from 0")
@@ -300,7 +300,7 @@ def wave_bands(
         wanted = "a 1-D list of at least one natural logarithm of an eigenvalue"
         raise InputError("out-of-range", f"Energies are {few}", f"give {wanted}")
     if len(np.unique(centres)) < len(centres):
-        raise InputError("given-twice", "An energy is given twice", "give each once")
+        raise InputError("conflicting-arguments", "An energy is given twice", "give each once")
     if sigma is None:
         check_positive(width, "The width of the energy bands")
         if len(centres) == 1:

@@ -147,7 +147,7 @@ class Formula:
             raise FormulaError(f"The formula is wrong {where}", str(fault), position) from None
         if len(self.parameters) > MOST_NAMES:
             many = f"The formula has {len(self.parameters)} parameters"
-            raise InputError("too-many-names", many, f"give numbers for all but {MOST_NAMES}")
+            raise InputError("too-many", many, f"give numbers for all but {MOST_NAMES}")
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:

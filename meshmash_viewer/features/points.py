@@ -257,7 +257,7 @@ class ProjectedPoints:
             raise InputError("no-column", fault, "rename the column of identifiers to id")
         if ids.dtype.kind not in "iu":
             fault = f"The column {self.points.id} is not a whole number in each row"
-            raise InputError("not-whole-numbers", fault)
+            raise InputError("wrong-type", fault)
         if len(ids) and int(ids.max()) >= 2**63:
             raise InputError("not-exact", f"The {self.points.id} {ids.max()} is not below 2**63")
         # int64 and uint64 together would be converted to float64

@@ -260,7 +260,7 @@ def _rows(mesh: Mesh, known: VertexMap, whole: bool) -> tuple[IntArray, IntArray
     faces = mesh.faces[_whole_faces(mesh, places)]
     if not len(faces):
         fault = f"Map {known.name!r} has no face whose three corners have the same label"
-        raise InputError("no-regions", fault, "label whole faces")
+        raise InputError("no-labels", fault, "label whole faces")
     used = np.unique(faces)
     ends = np.append(faces[:, 0], faces[:, 1]), np.append(faces[:, 1], faces[:, 2])
     groups = np.unique(connected(*ends, mesh.n_vertices)[used], return_inverse=True)[1]

@@ -277,7 +277,7 @@ def match_features(
     if values_a.shape[1] != values_b.shape[1]:
         columns = f"{values_a.shape[1]} and {values_b.shape[1]} columns"
         fault = f"Features of {columns} cannot be matched"
-        raise InputError("other-columns", fault, "make both with the same filters")
+        raise InputError("wrong-shape", fault, "make both with the same filters")
     check_number(quantile, "quantile", 0.0, 1.0)
     rows_a, rows_b = (np.flatnonzero(np.isfinite(v).all(axis=1)) for v in (values_a, values_b))
     if not (len(rows_a) and len(rows_b)):

@@ -112,17 +112,17 @@ def chosen_columns(text: str, most: int) -> range:
             raise ValueError
     except ValueError:
         remedy = "write START:STOP or START:STOP:STEP, such as 0:32:4, or one number"
-        raise InputError("no-columns", f"{text!r} is not a range of columns", remedy) from None
+        raise InputError("out-of-range", f"{text!r} is not a range of columns", remedy) from None
     start, stop, step = (*numbers, None, None)[:3]
     if len(parts) == 1 and start is not None:
         stop = start + 1
     start, stop, step = start or 0, most if stop is None else stop, 1 if step is None else step
     if step < 1 or start < 0 or stop <= start:
         fault = f"{text!r} selects no column"
-        raise InputError("no-columns", fault, "give START from 0, and below STOP")
+        raise InputError("out-of-range", fault, "give START from 0, and below STOP")
     if stop > most:
         fault = f"{text!r} goes beyond the {counted(most, 'column')}"
-        raise InputError("no-columns", fault, f"give STOP up to {most}")
+        raise InputError("out-of-range", fault, f"give STOP up to {most}")
     return range(start, stop, step)
 
 
@@ -150,7 +150,7 @@ def sweep(
         what = (
             f"{counted(frames, 'frame')} are more than the {counted(len(columns), 'column')} shown"
         )
-        raise InputError("too-many-frames", what, "choose fewer seconds or more columns")
+        raise InputError("too-many", what, "choose fewer seconds or more columns")
     return found
 
 

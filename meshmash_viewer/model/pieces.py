@@ -141,7 +141,7 @@ class PiecesJob:
         n = mesh.n_vertices - len(mesh.unreferenced)
         if count > 1 and n / count < LEAST:
             fault = f"{count} pieces of {n:,} vertices would have fewer than {LEAST} each"
-            raise InputError("too-many-pieces", fault, f"give at most {max(n // LEAST, 1)}")
+            raise InputError("too-many", fault, f"give at most {max(n // LEAST, 1)}")
         top = _top(mesh, self.target)
         bank = _common_bank(self.family, top)
         stitcher = MeshStitcher(mesh, n_jobs=self.n_jobs, client=self.client)

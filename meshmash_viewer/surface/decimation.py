@@ -34,7 +34,7 @@ def decimated(
     if not (sizes >= least).any():
         fault = f"All components have fewer than {least:,} vertices, at most {sizes.max():,}"
         remedy = "give a smaller threshold (--min-vertices, min_vertex_threshold=)"
-        raise InputError("no-component", fault, remedy)
+        raise InputError("no-faces", fault, remedy)
     faces = mesh.faces[mesh.distinct_corners]
     mapping = np.full(mesh.n_vertices, -1, dtype=np.int64)
     parts, count = [], 0

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from closed_form import part, rectangle_document
+from faults import raises
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog
@@ -15,7 +16,6 @@ from shapes import icosphere
 
 from meshmash_viewer.app.dialogs.pin_dialog import PinDialog, nearest_vertex
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
 from meshmash_viewer.mesh import Mesh
 
@@ -157,7 +157,7 @@ def test_positions_in_voxels_and_far_away() -> None:
     remark = nearest_vertex(voxels, *at, voxels=False)[1]
     assert "is 0" not in remark
     assert remark.endswith("from that position.")
-    with pytest.raises(InputError, match="far from the mesh, which lies between"):
+    with raises("far-from-mesh", "which lies between"):
         nearest_vertex(voxels, 1e9, 0.0, 0.0)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapes
 from closed_form import part, rectangle_document
+from faults import raises
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QDialog
@@ -17,7 +18,6 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view import picture
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import mesh_to_poly
 
@@ -71,7 +71,7 @@ def test_a_page_without_trame_is_one_sentence(
 ) -> None:
     monkeypatch.setattr(picture, "_PAGE_MAKERS", ("no_such_library",))
     assert 'pip install "meshmash-viewer[html]"' in picture.missing_pages()
-    with pytest.raises(InputError, match="trame"):
+    with raises("package-missing", "trame"):
         picture.write_scene(mesh_to_poly(shapes.icosphere(0)), tmp_path / "ball.html")
 
 

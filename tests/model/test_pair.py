@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from tiers import slow, slow_but
 
 import meshmash_viewer as mv
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     compare_shapes,
     corresponding_vertices,
@@ -283,7 +283,7 @@ def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
     small.solve.target = Target("count", 2)
     small.solve.compute()
     request = ComparisonRequest(small.spectrum, pair.second.spectrum, pair.matched_in)
-    with pytest.raises(InputError, match="1 nonzero eigenvalue, too few"):
+    with raises("too-few-pairs", "1 nonzero eigenvalue, too few"):
         request.answered()
 
 

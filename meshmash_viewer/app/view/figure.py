@@ -75,7 +75,7 @@ class FigureOptions:
         if self.width_mm / MM * self.dpi > _LARGEST:
             size = f"{self.width_mm:g} mm at {self.dpi} dpi"
             fault = f"A figure of {size} is wider than {_LARGEST} pixels"
-            raise InputError("picture-too-large", fault, "choose a smaller width or resolution")
+            raise InputError("picture-size", fault, "choose a smaller width or resolution")
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +283,7 @@ def _placed(panels: Sequence[Panel], options: FigureOptions) -> list[_Place]:
     wide = across - 2.0 * edge - aside + once
     if wide < 5.0:
         remedy = "choose a wider figure"
-        raise InputError("picture-too-small", "The text leaves no room for the mesh", remedy)
+        raise InputError("picture-size", "The text leaves no room for the mesh", remedy)
     named = len(panels) > 1
     lines = [_lines(each, font, across - 2.0 * edge, options, named=named) for each in around]
     above = 0.5 * font + max(sum(line.space for line in each) for each in lines)

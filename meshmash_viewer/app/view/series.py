@@ -218,7 +218,7 @@ class ContactSheet:
             fault = (
                 f"{size[0]} × {size[1]} pixels are too few for {counted(len(captions), 'picture')}"
             )
-            raise InputError("picture-too-small", fault, "choose more, or fewer columns")
+            raise InputError("picture-size", fault, "choose more, or fewer columns")
         ground = self._theme.background_top if ground is None else ground
         self._sheet = Image.new("RGBA", size, ground or (0, 0, 0, 0))
         self._draw = ImageDraw.Draw(self._sheet)

@@ -247,7 +247,7 @@ def test_backgrounds(qapp, tmp_path: Path) -> None:
         ({"width_mm": float("nan")}, "out-of-range", "from 10 to 2000"),
         ({"dpi": 5}, "out-of-range", "from 30 to 2400"),
         ({"font_points": 900.0}, "out-of-range", "from 3 to 72"),
-        ({"width_mm": 2000.0, "dpi": 2400}, "picture-too-large", "wider than"),
+        ({"width_mm": 2000.0, "dpi": 2400}, "picture-size", "wider than"),
     ],
 )
 def test_what_cannot_be_is_one_sentence(wrong: dict, code: str, word: str) -> None:
@@ -256,7 +256,7 @@ def test_what_cannot_be_is_one_sentence(wrong: dict, code: str, word: str) -> No
 
 
 def test_text_without_room_and_unknown_endings_are_refused(qapp, tmp_path: Path) -> None:
-    with raises("picture-too-small", "no room"):
+    with raises("picture-size", "no room"):
         compose_figure([drawing()], FigureOptions(width_mm=12.0, font_points=12.0))
     with pytest.raises(InputError, match=r"\.pdf"):
         save_figure(compose_figure([drawing()], FigureOptions(dpi=30)), tmp_path / "a.docx")
