@@ -45,13 +45,20 @@ class InputError(ValueError):
         self.code, self.fault, self.remedy = code, fault, remedy
         super().__init__(whole)
 
-    def of(self, subject: object, remedy: str = "") -> InputError:
+    @property
+    def clause(self) -> str:
+        """Fault and remedy without a full stop."""
+        return f"{self.fault}: {self.remedy}" if self.remedy else self.fault
+
+    def of(self, subject: object = "", remedy: str = "") -> InputError:
         """Return this fault with its subject, such as a file, and a remedy if it has none.
 
         A clause, "has no faces", follows the subject; a sentence, "Map 'x' is empty", a colon.
+        Without a subject, the result is the fault itself as a plain `InputError`.
         """
-        colon = "" if self.fault[:1].islower() else ":"
-        return InputError(self.code, f"{subject}{colon} {self.fault}", self.remedy or remedy)
+        remedy = self.remedy or remedy * bool(self.code)  # a sentence of a plug-in has its own
+        start = f"{subject}{'' if self.fault[:1].islower() else ':'} " if subject else ""
+        return InputError(self.code, f"{start}{self.fault}", remedy)
 
 
 class UnprovenError(InputError):
@@ -152,18 +159,48 @@ def other_mesh(what: str, count: int, n: int, remedy: str = "") -> InputError:
     return InputError("other-mesh", f"{what} have {count:,} vertices, and the mesh {n:,}", remedy)
 
 
+def conflicting(fault: str, remedy: str = "") -> InputError:
+    """Return the fault of arguments or options that do not go together."""
+    return InputError("conflicting-arguments", fault, remedy)
+
+
+def unknown_ending(path: object, endings: Iterable[str]) -> InputError:
+    """Return the fault of the name of an output whose ending is not one of those known."""
+    remedy = f"end it in {', '.join(endings)}"
+    return InputError("unknown-ending", f"{path} has no ending in which it can be written", remedy)
+
+
+def not_readable(path: object, fault: OSError) -> InputError:
+    """Return the fault of a file that the system does not read."""
+    reason = fault.strerror or printable(fault)
+    return InputError(
+        "not-readable",
+        f"{path} cannot be read ({reason})",
+        "check its name, the permission, and the disk",
+    )
+
+
+def no_whole_numbers(what: str) -> InputError:
+    """Return the fault of numbers in a file, such as "vertex indices", as a clause."""
+    return InputError("not-whole-numbers", f"has {what} that are no whole numbers")
+
+
+def wrong_format(fault: str) -> InputError:
+    """Return the fault of a file that is not of its format, as a clause: "is no PLY file"."""
+    return InputError("wrong-format", fault)
+
+
+def cut_short(fault: str) -> InputError:
+    """Return the fault of a file with less content than stated: "promises 9 faces and has 3"."""
+    return InputError("file-cut-short", f"{fault}, so it was cut short", "copy or export it again")
+
+
 def package_missing(subject: str, module: str, extra: str = "") -> InputError:
     """Return the fault of a module that is not installed; `subject` is such as "Domains need"."""
     package = _PACKAGES.get(module, module)
     wanted = f'"meshmash-viewer[{extra}]"' if extra else package
     fault = f"{subject} {package}, which is not installed"
     return InputError("package-missing", fault, f"pip install {wanted}")
-
-
-def not_installed(module: str, extra: str = "") -> str:
-    """Return a clause on a missing module: "x, which is not installed: pip install x"."""
-    missing = package_missing("", module, extra)
-    return f"{missing.fault.strip()}: {missing.remedy}"
 
 
 def require(subject: str, extra: str, *modules: str) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from segment_layers import SEGMENT, box, fragment, source, write_fragments
 from tiers import slow_but
 
@@ -29,7 +30,6 @@ from meshmash_viewer.decompose import (
     decompose_laplacian,
     decompose_mesh,
 )
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -209,7 +209,7 @@ def test_repairs_components_and_what_they_do_to_features(
     assert re.search(r"vertices +654\n", text)
     status, _, err = run(capsys, "info", path, "--repair", "polish")
     assert (status, err.count("\n")) == (2, 1)
-    assert "no repair polish; the repairs are merge_seams, merge_coincident_vertices" in err
+    assert "no repair polish: the repairs are merge_seams, merge_coincident_vertices" in err
 
 
 def test_features_are_those_of_the_library(
@@ -259,7 +259,7 @@ def test_eigenpairs_and_times_and_wks(
     assert read.darrays[8].meta["Name"] == "phi_008"
     status, _, err = run(capsys, *asked, "-o", tmp_path / "pairs.obj")
     assert status == 2
-    assert ".npz .npy .csv" in err
+    assert ".npz, .npy, .csv" in err
 
 
 def test_the_proof_counts_in_the_unit_of_the_mesh(
@@ -311,7 +311,7 @@ def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -> No
         "sub-01_lh.white.npz", "sub-02_lh.white.npz", "ball.npz",
     ]  # fmt: skip
     twice = [*meshes, meshes[0]]
-    with pytest.raises(InputError, match="would overwrite"):
+    with raises("same-file"):
         output_paths(twice, f"{tmp_path}/out/", "hks", ".npz")
 
 
@@ -1059,7 +1059,7 @@ def test_links_are_meshes_of_every_command(
     assert json.loads(out)["n_vertices"] == box(2).n_vertices
     assert json.loads(out)["unit"] == "nm"
     assert (status, err.count("\n")) == (2, 1)
-    assert "#segment=12 has no mesh; check the id" in err
+    assert "#segment=12 has no mesh: check the id" in err
     output = tmp_path / "out"
     link = f"{source(layer)}#segment={SEGMENT}"
     status, out, err = run(capsys, "features", link, "--count", 4, "-o", f"{output}/")

@@ -92,7 +92,7 @@ def test_a_remark_on_triangles_of_another_size(capsys: pytest.CaptureFixture[str
             (*TRAIN, "B.ply", "--labels", "B.csv", "--mask", "B.csv"),
             "--mask applies to a single mesh",
         ),
-        ((*TRAIN[:-1], "model.pkl"), "give it the ending .skops"),
+        ((*TRAIN[:-1], "model.pkl"), "end it in .skops"),
         ((*TRAIN[:-1], "none/model.skops"), "no folder none"),
         (("predict", "A.ply", "--model", "none.skops", "-o", "a.csv"), "none.skops does not exist"),
     ],

@@ -94,7 +94,10 @@ def test_it_is_the_same_again_and_says_what_is_missing(capsys: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
-        (("A.ply", "-o", "a.csv"), "a.csv does not end in .npz"),
+        (
+            ("A.ply", "-o", "a.csv"),
+            "a.csv has no ending in which it can be written: end it in .npz.",
+        ),
         (("A.ply", "-o", "a.npz", "--graphs", "a.npz"), "would be both features and graph"),
         (("A.ply", "-o", "a.npz", "--reduction", "1"), "give one from 0 to below 1"),
         (("A.ply", "-o", "a.npz", "--distance-threshold", "0"), "give a positive one"),

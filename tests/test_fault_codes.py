@@ -12,7 +12,7 @@ import meshmash_viewer
 PACKAGE = Path(meshmash_viewer.__file__).parent
 #: Folders and modules whose faults are still one sentence.
 _SENTENCES = (
-    "errors.py", "io", "cli", "split", "quantities.py", "pieces.py", "parameter.py",
+    "errors.py", "quantities.py", "pieces.py", "parameter.py",
 )  # fmt: skip
 
 
@@ -31,8 +31,8 @@ def test_codes_are_literal_words_with_hyphens() -> None:
     wrong = {
         where: ast.unparse(code)
         for where, code in _first_arguments()
-        if not (
-            isinstance(code, ast.Constant) and re.fullmatch("[a-z]+(-[a-z]+)*", str(code.value))
-        )
+        if not isinstance(code, ast.Starred)  # a fault in a table
+        and not ast.unparse(code).endswith(".code")  # that of another fault
+        and not re.fullmatch("'[a-z]+(-[a-z]+)*'", ast.unparse(code))
     }
     assert wrong == {}

@@ -113,17 +113,17 @@ def test_a_command_of_one_or_two_meshes_counts_what_matches(
     for arguments, said in (
         (
             ("reconstruct", "?.obj", "-o", "x.ply"),
-            "takes one mesh, not 2: a.obj, b.obj; run it once for each",
+            "takes one mesh, not 2 (a.obj, b.obj): run it once for each",
         ),
         (
             ("render", "[abcd]*.obj", "-o", "x.png"),
-            "takes one mesh, not 4: a.obj, b.obj, c1.obj, …; run it once for each mesh.",
+            "takes one mesh, not 4 (a.obj, b.obj, c1.obj, …): run it once for each mesh.",
         ),
         (
             ("compare", "[abc]*.obj"),
-            "takes two meshes, not 3: a.obj, b.obj, c1.obj; name two files.",
+            "takes two meshes, not 3 (a.obj, b.obj, c1.obj): name two files.",
         ),
-        (("compare", "a.obj"), "takes two meshes, not 1: a.obj; name two files."),
+        (("compare", "a.obj"), "takes two meshes, not 1 (a.obj): name two files."),
     ):
         assert cli.main(list(arguments)) == 2
         assert said in capsys.readouterr().err

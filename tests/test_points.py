@@ -189,7 +189,7 @@ def test_without_pyarrow_it_is_named(
         (
             "a,b\n1,2\n",
             "s.csv has no position: a position is three columns such as x, y, z or pre_x, pre_y,"
-            " pre_z, or one column of three numbers. Rename its columns, which are a, b.",
+            " pre_z, or one column of three numbers: rename its columns, which are a, b.",
         ),
         (
             "pre_x,pre_y,pre_z,post_x,post_y,post_z\n1,2,3,4,5,6\n",
@@ -241,7 +241,7 @@ def test_names_of_coordinates_may_end_in_a_word_or_a_unit(
     assert mv.read_points(path, unit="4 nm").unit == "4 nm"
     both = {name: [1.0] for name in ("x", "y", "z", "x_err", "y_err", "z_err")}
     assert [*mv.read_points(both).columns] == ["x_err", "y_err", "z_err"]
-    with pytest.raises(InputError, match="Rename its columns, which are x_nm, y_nm, z_um"):
+    with raises("no-column", "rename its columns, which are x_nm, y_nm, z_um"):
         mv.read_points({"x_nm": [1.0], "y_nm": [2.0], "z_um": [3.0]})
 
 
@@ -364,8 +364,8 @@ def test_regions_count_points(here: Path, capsys: pytest.CaptureFixture[str]) ->
     [
         (("--unit", "nm", "--points", "synapses.csv"), "in 4 × 4 × 40 nm"),
         (("--unit", "none", *POINTS[:6]), "give --unit"),
-        (("--points", "synapses.csv", "-o", "o.npz"), "end it in .csv or .parquet, or --id-map"),
-        (("--points", "synapses.csv", "--id-map", "o.csv"), "is written as NPZ"),
+        (("--points", "synapses.csv", "-o", "o.npz"), "end it in .csv, .parquet, or give --id-map"),
+        (("--points", "synapses.csv", "--id-map", "o.csv"), "end it in .npz."),
         (("--points", "none.csv"), "cannot be read"),
         (("--points", "synapses.csv", "--t-min", "3"), "--t-min is for --kind hks"),
     ],
@@ -444,7 +444,7 @@ def test_a_table_in_memory_is_read_whole_with_its_named_index(table: Any) -> Non
 
 @pytest.mark.parametrize("given", [None, 3, BALL.vertices, BALL.vertices.tolist(), TABLE["id"]])
 def test_what_is_no_table_is_refused(given: Any) -> None:
-    with pytest.raises(InputError, match="give positions alone to project_points"):
+    with raises("wrong-type", "positions alone to project_points"):
         mv.read_points(given)
 
 
@@ -453,7 +453,7 @@ def test_tables_given_as_positions_and_repeated_names_are_refused() -> None:
         mv.project_points(BALL, TABLE)
     with raises("wrong-type", "read a table or a file with read_points"):
         mv.project_points(BALL, "synapses.csv")
-    with pytest.raises(InputError, match="two columns called 'size': rename one"):
+    with raises("given-twice", "two columns called 'size'"):
         mv.read_points(pandas.concat([TABLE, TABLE[["size"]]], axis=1))
 
 

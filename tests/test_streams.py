@@ -259,7 +259,7 @@ def test_streams_closed_by_the_shell(closed: tuple[int, ...], ball: Path, tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "status", "said"),
     [
-        (["nowhere"], 2, "There is neither a command nor a file nowhere; the commands are"),
+        (["nowhere"], 2, "There is neither a command nor a file nowhere: the commands are"),
         (["*.nothing"], 2, "No file matches *.nothing"),
         (["--size"], 2, "unrecognized arguments: --size"),
         (["info", "nowhere.ply"], 2, "nowhere.ply does not exist"),

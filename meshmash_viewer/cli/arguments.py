@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import mode
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, conflicting
 from meshmash_viewer.io.links import is_link
 from meshmash_viewer.quantities import (
     Quantity,
@@ -44,7 +44,7 @@ def option_type(parse: Callable[[str], _T]) -> Callable[[str], _T]:
         try:
             return parse(text)
         except InputError as fault:
-            raise ArgumentTypeError(str(fault).rstrip(".")) from None
+            raise ArgumentTypeError(fault.clause) from None
 
     return parsed
 
@@ -153,7 +153,7 @@ def refuse_others(
     for kind, family in table.items():
         for each in options_of(family).values():
             if each.option not in own and getattr(options, each.option) is not None:
-                raise InputError(f"{each.flag} is for --kind {kind}, not for {options.kind}.")
+                raise conflicting(f"{each.flag} is for --kind {kind}, not for {options.kind}")
 
 
 def chosen_family(

@@ -20,7 +20,7 @@ from meshmash_viewer.cli.arguments import FAULT, chosen_operator, in_unit
 from meshmash_viewer.cli.cluster import connected, results_of_tasks
 from meshmash_viewer.cli.manifest import Content, Manifest, Outcome, content_of
 from meshmash_viewer.cli.streams import answer, say
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, conflicting
 from meshmash_viewer.fault_places import repair_effect
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import repair_mesh
@@ -136,12 +136,12 @@ def linked(options: Namespace) -> list[Path]:
     """
     n_links = sum(map(is_link, options.mesh))
     if not n_links and (options.segment or options.lod is not None):
-        raise InputError(
+        raise conflicting(
             "--segment and --lod need a link in place of the mesh file, such as"
-            " precomputed://gs://bucket/layer."
+            " precomputed://gs://bucket/layer",
         )
     if n_links > 1 and options.segment:
-        raise InputError("--segment needs a single link: run the command once for each link.")
+        raise conflicting("--segment needs a single link", "run the command once for each link")
     return [
         link_file(parse_link(each, one, options.lod)) if is_link(each) else each
         for each in options.mesh
@@ -164,10 +164,10 @@ def expanded(named: Iterable[Path]) -> list[Path]:
         rest = name.relative_to(folder)
         found = glob.glob(str(rest), root_dir=folder, recursive=True)
         if not found:
-            remedy = "check its folder, its spelling and its ending."
+            remedy = "check its folder, its spelling and its ending"
             if len(rest.parts) > 1 and not glob.has_magic(rest.parts[0]):
-                remedy = f"there is no folder {rest.parts[0]}: check the spelling."
-            raise InputError(f"No file matches {name}; {remedy}")
+                remedy = f"there is no folder {rest.parts[0]}, check the spelling"
+            raise InputError("file-not-found", f"No file matches {name}", remedy)
         paths += sorted(folder / each for each in found)
     return paths
 
@@ -312,10 +312,9 @@ def masked_options(options: Namespace) -> list[Namespace]:
     """
     masks, count = options.mask or ["-"] * len(options.mesh), len(options.mesh)
     if len(masks) != count:
-        raise InputError(
-            f"{counted(len(masks), 'mask')} for {count} meshes: give each mesh its own, in"
-            " their order, and - for a whole mesh."
-        )
+        fault = f"{counted(len(masks), 'mask')} for {count} meshes"
+        remedy = "give each mesh its own, in their order, and - for a whole mesh"
+        raise InputError("counts-differ", fault, remedy)
     return [Namespace(**{**vars(options), "mask": None if m == "-" else m}) for m in masks]
 
 

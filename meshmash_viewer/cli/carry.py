@@ -39,9 +39,8 @@ from meshmash_viewer.vertex_map import VertexMap
 def carry(options: Namespace) -> int:
     """Transfer maps and label sets of the first mesh to the others, and write them."""
     if len(options.mesh) < 2:
-        raise InputError(
-            "carry takes the mesh with the maps, followed by the meshes that receive them."
-        )
+        fault = "carry takes the mesh with the maps, followed by the meshes that receive them"
+        raise InputError("missing-argument", fault)
     with map_outputs(options, options.mesh[1:], "maps") as outputs:
         return _carry_to(outputs, options)
 
@@ -66,7 +65,8 @@ def _carry_to(outputs: list[Path], options: Namespace) -> int:
         )  # fmt: skip
         remarks = comparison_remarks(mesh, first, found=matched, set_landmarks=SET_LANDMARKS)
         if matched.doubt:
-            raise InputError("; ".join(remarks))
+            doubts = "; ".join(each.removesuffix(".") for each in remarks)
+            raise InputError("match-in-doubt", doubts)
         proof = f"{found.proof(mesh.unit)}; {pairs.proof(first.unit)}"
         made = made_with(own, "carried maps", own.target, proof)
         made["carried_from"] = {"mesh": first.name, "hash": first.content_hash}
@@ -97,5 +97,6 @@ def _maps_of(mesh: Mesh, options: Namespace) -> tuple[VertexMap, ...]:
     if options.labels:
         maps = (read_labels(options.labels, mesh), *maps)
     if not maps:
-        raise InputError(f"{mesh.name} has no maps: name a file of them with --labels or --map.")
+        fault = f"{mesh.name} has no maps"
+        raise InputError("no-maps", fault, "name a file of them with --labels or --map")
     return maps

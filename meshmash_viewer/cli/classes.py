@@ -24,7 +24,7 @@ from meshmash_viewer.cli.batch import (
     watched,
 )
 from meshmash_viewer.cli.outputs import map_outputs, output_remarks, write_maps
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, conflicting
 from meshmash_viewer.features.regions import label_map
 from meshmash_viewer.io.condensed import read_condensed_features
 from meshmash_viewer.io.maps import read_labels
@@ -46,23 +46,21 @@ def train(options: Namespace) -> int:
     began = time.perf_counter()
     check_model_path(options.output)
     if len(options.labels) != len(options.mesh):
-        raise InputError(
-            f"There are {counted(len(options.mesh), 'mesh')} and {len(options.labels)} --labels:"
-            " give each mesh its own, in the same order."
-        )
+        what = f"There are {counted(len(options.mesh), 'mesh')} and {len(options.labels)} --labels"
+        raise InputError("counts-differ", what, "give each mesh its own, in the same order")
     if options.mask and len(options.mesh) > 1:
-        raise InputError("--mask applies to a single mesh: train on one mesh, or without a mask.")
+        raise conflicting("--mask applies to a single mesh", "train on one mesh, or without a mask")
     meshes, labels, tables = [], [], []
     columns: ClassColumns | None = None
     for path, given in zip(options.mesh, options.labels, strict=True):
         mesh = read(path, options)
         own = in_unit(options, mesh.unit)
         mesh = prepared(mesh, options)
+        found = read_labels(given, mesh)
         try:
-            known = label_map(read_labels(given, mesh))
+            known = label_map(found)
         except InputError as fault:
-            said = "" if str(given).partition(":")[0] in str(fault) else f"{given}: "
-            raise InputError(f"{said}{fault}") from fault
+            raise fault.of(given) from fault
         if columns is None:
             check_columns(mesh.n_vertices, own.n_components or 32)
             pairs = solved(mesh, own, own.target)

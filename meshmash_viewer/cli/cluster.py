@@ -17,7 +17,7 @@ from concurrent.futures import CancelledError
 from typing import Any
 
 from meshmash_viewer.cli.streams import PROGRAM, say
-from meshmash_viewer.errors import InputError, not_installed, printable
+from meshmash_viewer.errors import InputError, package_missing, printable
 from meshmash_viewer.units import counted
 
 #: Prefix of ``--scheduler`` for processes of this machine, which end with the command.
@@ -64,7 +64,7 @@ def connected(scheduler: str) -> Iterator[Any]:
         import distributed
         from distributed.comm.addressing import resolve_address
     except ModuleNotFoundError as fault:
-        raise InputError(f"--scheduler needs {not_installed('distributed', 'cluster')}.") from fault
+        raise package_missing("--scheduler needs", "distributed", "cluster") from fault
     # the command reports faults; Dask would also warn about workers that run C code
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
@@ -94,8 +94,10 @@ def connected(scheduler: str) -> Iterator[Any]:
             client: Any = distributed.Client(place, timeout=_ANSWER, set_as_default=False)
         except (OSError, ValueError, TypeError) as fault:
             raise InputError(
-                f"No Dask scheduler answers at {printable(scheduler)}: give the address that `dask"
-                f" scheduler` prints, such as tcp://HOST:8786, or {LOCAL}2."
+                "no-scheduler",
+                f"No Dask scheduler answers at {printable(scheduler)}",
+                "give the address that `dask scheduler` prints, such as tcp://HOST:8786, or"
+                f" {LOCAL}2",
             ) from fault
         known = stack.enter_context(client).scheduler_info(n_workers=-1)
         waits = "" if known["workers"] else "; it has no workers yet"
@@ -128,9 +130,10 @@ def results_of_tasks(
             if isinstance(result, CancelledError):
                 yield answers
                 raise InputError(
+                    "scheduler-lost",
                     f"The scheduler was lost after {len(numbers) - len(asked)} of"
-                    f" {counted(len(numbers), 'mesh')}: start it, and this command again with"
-                    " --resume."
+                    f" {counted(len(numbers), 'mesh')}",
+                    "start it, and this command again with --resume",
                 )
             result, said = (fault_of_task(result[1]), "") if task.status == "error" else result
             for line in said.splitlines():
@@ -153,7 +156,9 @@ def _in_worker(number: int, folder: str, function: Callable[[int], Any]) -> tupl
             os.chdir(folder)
         except OSError:
             return InputError(
-                f"Its worker has no folder {folder}: workers need the files of this computer."
+                "folder-not-found",
+                f"Its worker has no folder {folder}",
+                "workers need the files of this computer",
             ), ""
         try:
             return function(number), said.getvalue()

@@ -26,7 +26,7 @@ from meshmash_viewer.cli.batch import (
     with_maps,
 )
 from meshmash_viewer.cli.points import projected
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, conflicting
 from meshmash_viewer.features import MATCHED_COLUMNS
 from meshmash_viewer.features.comparison import (
     check_comparable,
@@ -167,7 +167,7 @@ def compare(options: Namespace) -> int:
     if options.output is not None:
         check_output(options.output, "features")
     if options.landmark and not options.refine:
-        raise InputError("--landmark is used by --refine alone: give --refine, too.")
+        raise conflicting("--landmark is used by --refine alone", "give --refine, too")
     began, target = time.perf_counter(), options.target
     family = next(each for each in FEATURES.values() if each.export == options.kind).exported(
         options.n_components or MATCHED_COLUMNS
@@ -279,10 +279,11 @@ def _write_rebuilt(mesh: Mesh, options: Namespace) -> Report:
     pairs = solved(mesh, options, options.target)
     if not pairs.eigenvalues[-1] > 0.0:
         raise InputError(
+            "too-few-pairs",
             f"{mesh.name}: all {counted(pairs.n_components, 'eigenpair')} are constant on its"
-            f" {counted(mesh.n_components, 'component')}, so each component would become a point:"
-            " take more pairs (--count, --max-eigenvalue, --wavelength), merge components that"
-            " touch (see info), or give --largest-component."
+            f" {counted(mesh.n_components, 'component')}, so each component would become a point",
+            "take more pairs (--count, --max-eigenvalue, --wavelength), merge components that touch"
+            " (see info), or give --largest-component",
         )
     vertices = low_pass_vertices(mesh, pairs, pairs.n_components)
     used = pairs.mass > 0.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from meshmash_viewer.cli.batch import Report, for_each, watched
 from meshmash_viewer.cli.outputs import folder_of, output_paths
-from meshmash_viewer.errors import InputError, TruncationWarning
+from meshmash_viewer.errors import InputError, TruncationWarning, unknown_ending
 from meshmash_viewer.features.domains import require
 from meshmash_viewer.io.condensed import write_condensed_features, write_condensed_graph
 from meshmash_viewer.io.write import check_output
@@ -35,9 +35,8 @@ def condense(options: Namespace) -> int:
         for given, kind in ((options.output, "domains"), (options.graphs, "graph"))
     )
     if same := set(outputs) & set(graphs):
-        raise InputError(
-            f"{min(same)} would be both features and graph: give --graphs another folder."
-        )
+        fault = f"{min(same)} would be both features and graph"
+        raise InputError("same-file", fault, "give --graphs another folder")
 
     def work(mesh: Mesh, at: int, own: Namespace) -> Report:
         return _write(mesh, outputs[at], graphs[at] if graphs else None, own)
@@ -47,7 +46,7 @@ def condense(options: Namespace) -> int:
             folders.enter_context(folder_of(given))
         for path in (*outputs, *graphs):
             if path.suffix.lower() != ".npz":
-                raise InputError(f"{path} does not end in .npz, which is the format of domains.")
+                raise unknown_ending(path, [".npz"])
             check_output(path)
         return for_each(options, work, outputs=outputs, others=graphs)
 

@@ -27,7 +27,7 @@ from meshmash_viewer.cli.batch import (
     with_maps,
 )
 from meshmash_viewer.cli.outputs import folder_of, output_paths, output_remarks
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, conflicting
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
 from meshmash_viewer.fields import EXPORTS, FEATURES
@@ -69,17 +69,18 @@ def features(options: Namespace) -> int:
 def _check_combination(options: Namespace) -> None:
     """Raise `InputError` for options that exclude each other."""
     if options.target is None and options.t_min is None:
-        raise InputError(
-            "--count auto takes as many eigenpairs as the shortest time of --kind hks needs: give"
-            " --t-min, or a number."
-        )
+        fault = "--count auto takes as many eigenpairs as the shortest time of --kind hks needs"
+        raise InputError("missing-argument", fault, "give --t-min, or a number")
     if options.accept_seams and options.pieces is None:
-        raise InputError("--accept-seams is for features in pieces: give --pieces, or omit it.")
+        raise conflicting("--accept-seams is for features in pieces", "give --pieces, or omit it")
     if options.map and len(options.mesh) > 1:
-        raise InputError("--map is for one mesh: give one, or store the values in the mesh files.")
+        raise conflicting(
+            "--map is for one mesh",
+            "give one, or store the values in the mesh files",
+        )
     family = EXPORTS.get(options.kind)  # None for maps alone
     if (options.map or options.maps) and family is not None and not family.makes_features():
-        raise InputError(f"--map and --maps add columns to features, not to {options.kind}.")
+        raise conflicting(f"--map and --maps add columns to features, not to {options.kind}")
     of_whole_meshes = {
         "--tail": options.tail is not None,
         "--resolution": options.resolution,
@@ -89,7 +90,7 @@ def _check_combination(options: Namespace) -> None:
     }
     for name, given in of_whole_meshes.items():
         if given and options.pieces is not None:
-            raise InputError(f"{name} needs the whole mesh: omit it, or omit --pieces.")
+            raise conflicting(f"{name} needs the whole mesh", "omit it, or omit --pieces")
 
 
 def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:
@@ -118,7 +119,7 @@ def _write_maps(raw: Mesh, path: Path, options: Namespace) -> Report:
     """Write the maps of a mesh and of files, without features."""
     mesh = with_maps(prepared(raw, options), options.map)
     if not mesh.maps:
-        raise InputError(f"{mesh.name} has no maps: name files of them with --map.")
+        raise InputError("no-maps", f"{mesh.name} has no maps", "name files of them with --map")
     found = maps_alone(mesh)
     if options.component_column:
         found = found.with_components(mesh)
@@ -197,7 +198,9 @@ def solved_target(
     try:
         return solved(mesh, options, target), target
     except InputError as fault:
-        raise InputError(f"{fault} {limit}".strip()) from fault
+        if not limit:
+            raise
+        raise InputError(fault.code, fault.clause, limit.removesuffix(".")) from fault
 
 
 def _check_room(mesh: Mesh, family: Family) -> None:

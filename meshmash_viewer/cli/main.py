@@ -110,8 +110,8 @@ def _run_command(options: Namespace) -> int:
         takes = "one mesh" if options.n_meshes == 1 else "two meshes"
         files = ", ".join(map(str, options.mesh[:3])) + (", …" if len(options.mesh) > 3 else "")
         remedy = "run it once for each mesh" if options.n_meshes == 1 else "name two files"
-        said = f"{options.command} takes {takes}, not {len(options.mesh)}: {files}; {remedy}."
-        raise InputError(said)
+        fault = f"{options.command} takes {takes}, not {len(options.mesh)} ({files})"
+        raise InputError("counts-differ", fault, remedy)
     module = _MODULES.get(options.command, options.command)
     run = getattr(importlib.import_module(f"meshmash_viewer.cli.{module}"), options.command)
     with _ended_by_sigterm():
@@ -148,14 +148,12 @@ def _open_window(options: Namespace) -> int:
         return 0
     first = str(options.mesh[0]) if options.mesh else ""
     if first.isidentifier() and not os.path.lexists(first):
-        raise InputError(
-            f"There is neither a command nor a file {first}; the commands are"
-            f" {', '.join(COMMANDS[:-1])} and {COMMANDS[-1]}."
-        )
+        remedy = f"the commands are {', '.join(COMMANDS[:-1])} and {COMMANDS[-1]}"
+        raise InputError("unknown-name", f"There is neither a command nor a file {first}", remedy)
     from meshmash_viewer.app.run import run_app
 
     if options.map and not first:
-        raise InputError("--map needs a mesh: give the mesh file before it.")
+        raise InputError("missing-argument", "--map needs a mesh", "give the mesh file before it")
     if others := ", ".join(map(str, options.mesh[1:])):
         say(
             f"The window opens only {first}, not {others}: open a second mesh by File > Compare"

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 from filelock import FileLock
 
-from meshmash_viewer.errors import InputError, not_installed
+from meshmash_viewer.errors import InputError, package_missing
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.links import shown_path
 from meshmash_viewer.mesh import Mesh
@@ -76,7 +76,7 @@ class Manifest:
         self.folder = Path(os.path.commonpath([path.absolute().parent for path in outputs]))
         self.path = self.folder / f"manifest_{options.command}.parquet"
         if find_spec("pyarrow") is None:
-            raise InputError(f"{self.path} needs {not_installed('pyarrow')}.")
+            raise package_missing(f"{self.path} needs", "pyarrow")
         self._options = _described(options)
         self._meshes = [_whole(mesh) for mesh in options.mesh]
         self._outputs = [path.absolute() for path in outputs]
@@ -195,7 +195,6 @@ def _table_in(path: Path) -> Any:
     try:
         return pyarrow.parquet.read_table(str(path)).select(schema.names).cast(schema)
     except (OSError, ValueError, KeyError) as fault:
-        raise InputError(
-            f"{path} is not a manifest that this version can read: move it away, and everything"
-            " is computed."
-        ) from fault
+        what = f"{path} is not a manifest that this version can read"
+        remedy = "move it away, and everything is computed"
+        raise InputError("wrong-format", what, remedy) from fault

@@ -43,7 +43,8 @@ def _repair(name: str) -> str:
     from meshmash_viewer.health import REPAIRS
 
     if name not in REPAIRS:
-        raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
+        fault = f"There is no repair {name}"
+        raise InputError("unknown-name", fault, f"the repairs are {', '.join(REPAIRS)}")
     return name
 
 
@@ -57,7 +58,8 @@ def _size(text: str) -> tuple[int, ...]:
 def _not_negative(text: str) -> float:
     value = parse_number(text, share=True)
     if not value >= 0.0:
-        raise InputError(f"{text} is negative: give zero or a small positive number.")
+        fault = f"{text} is negative"
+        raise InputError("out-of-range", fault, "give zero or a small positive number")
     return value
 
 

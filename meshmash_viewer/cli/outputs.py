@@ -42,23 +42,23 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
     elif len(meshes) == 1:
         template = literal
     else:
-        raise InputError(
-            f"{len(meshes)} meshes cannot all be written to {output}: give a folder (ending in a"
-            ' slash) or a template such as "{name}_{kind}.npz".'
-        )
+        wrong = f"{len(meshes)} meshes cannot all be written to {output}"
+        remedy = 'give a folder (ending in a slash) or a template such as "{name}_{kind}.npz"'
+        raise InputError("same-file", wrong, remedy)
     try:
         paths = [Path(template.format(name=name, kind=kind)) for name in _names(meshes)]
     except (KeyError, IndexError, ValueError, AttributeError) as fault:
-        raise InputError(
-            f"The template {output} is not valid: it may contain {{name}} and {{kind}} only."
-        ) from fault
+        what = f"The template {output} is not valid"
+        raise InputError("wrong-template", what, "it may contain {name} and {kind} only") from fault
     taken: dict[Path, Path] = {mesh.resolve(): mesh for mesh in meshes}
     for mesh, path in zip(meshes, paths, strict=True):
         other = taken.setdefault(path.resolve(), mesh)
         if other is not mesh or path.resolve() == mesh.resolve():
             raise InputError(
+                "same-file",
                 f"{path}, the result of {mesh}, would overwrite the result of {other} or the mesh"
-                " itself: choose another name."
+                " itself",
+                "choose another name",
             )
     return paths
 
@@ -108,7 +108,8 @@ def write_maps(
         return
     labels = next((each for each in maps if each.labels), None)
     if labels is None:
-        raise InputError(f"{path} is for labels, and no map has labels: choose another format.")
+        fault = f"{path} is for labels, and no map has labels"
+        raise InputError("no-labels", fault, "choose another format")
     write_labels(path, labels, mesh, about)
 
 

@@ -18,7 +18,7 @@ from meshmash_viewer.cli.batch import (
     solved,
     with_maps,
 )
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, conflicting
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import FAMILIES
@@ -60,7 +60,7 @@ def render(options: Namespace) -> int:
     if options.kind is None:
         options.kind = OwnMaps.name if options.map or options.map_name else HeatKernelSignature.name
     elif options.map and options.kind != OwnMaps.name:
-        raise InputError(f"--map is for --field {OwnMaps.name}, not for {options.kind}.")
+        raise conflicting(f"--map is for --field {OwnMaps.name}, not for {options.kind}")
     _drawn(in_unit(options))
     return for_each(options, lambda mesh, _, own: _write_render(mesh, own))
 
@@ -82,10 +82,9 @@ def _write_render(mesh: Mesh, options: Namespace) -> Report:
         if options.index is not None:
             most = n_columns(family, spectrum)
             if options.index >= most:
-                raise InputError(
-                    f"There is no {options.kind} {options.index} among {most}; lower --index or"
-                    " ask for more columns or eigenpairs."
-                )
+                fault = f"There is no {options.kind} {options.index} among {most}"
+                remedy = "lower --index or ask for more columns or eigenpairs"
+                raise InputError("out-of-range", fault, remedy)
             family = sweep(family, spectrum, range(options.index, options.index + 1))[0]
         elif not options_of(type(family)):
             family = family.for_other_mesh(mesh.n_components)
@@ -133,7 +132,7 @@ def _drawn(options: Namespace) -> Family | None:
     if options.kind != HeatKernelSignature.name or options.time is None:
         return chosen_family(options, SWEPT, _LEAST)
     if options.index is not None:
-        raise InputError("--time and --index both choose a column: leave one out.")
+        raise conflicting("--time and --index both choose a column", "leave one out")
     heat_kernel_bank([options.time])  # raises for an invalid time
     family = chosen_family(Namespace(**{**vars(options), "time": None}), SWEPT, _LEAST)
     assert isinstance(family, HeatKernelSignature)
@@ -228,7 +227,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> Report:
     rate, seconds, column = options.rate, options.seconds, options.column
     if options.sweep is not None:
         if column is not None:
-            raise InputError("--column is for --turntable: give the columns with --sweep.")
+            raise conflicting("--column is for --turntable", "give the columns with --sweep")
         columns = chosen_columns(options.sweep, most)
         families, rate = film(family, spectrum, columns, rate, seconds)
         shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
@@ -295,7 +294,8 @@ def _policy(options: Namespace) -> LockedLimits | None:
         return None
     low, high = options.limits
     if not low < high:
-        raise InputError(f"The limits {low:g} and {high:g} leave no range: swap them.")
+        fault = f"The limits {low:g} and {high:g} leave no range"
+        raise InputError("bounds-swapped", fault, "swap them")
     return LockedLimits(low, high)
 
 

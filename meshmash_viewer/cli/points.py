@@ -9,7 +9,7 @@ from typing import Any
 from meshmash_viewer.cli.arguments import family_of, options_of, refuse_others
 from meshmash_viewer.cli.batch import Report, for_each, with_maps
 from meshmash_viewer.cli.features import computed_features, solved_target
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, unknown_ending
 from meshmash_viewer.features.points import ProjectedPoints, project_points
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.fields import EXPORTS
@@ -27,7 +27,8 @@ def projected(mesh: Mesh, options: Namespace) -> ProjectedPoints:
     if options.voxel is not None:
         voxel, own = options.voxel
         if not (own or mesh.unit):
-            raise InputError("--voxel is in the unit of the mesh, which states none: give --unit.")
+            fault = "--voxel is in the unit of the mesh, which states none"
+            raise InputError("no-unit", fault, "give --unit")
         unit = written_unit(own or mesh.unit, voxel)
     points = read_points(options.points, unit, options.position)
     return project_points(mesh, points, options.max_distance)
@@ -36,11 +37,11 @@ def projected(mesh: Mesh, options: Namespace) -> ProjectedPoints:
 def points(options: Namespace) -> int:
     """Project points onto a mesh, and write them with labels and features at their vertices."""
     if options.output.suffix.lower() == ".npz":
-        raise InputError(f"{options.output} is no table: end it in .csv or .parquet, or --id-map.")
+        raise unknown_ending(options.output, [".csv", ".parquet", "or give --id-map"])
     check_output(options.output, "points")
     if options.id_map is not None:
         if options.id_map.suffix.lower() != ".npz":
-            raise InputError(f"--id-map {options.id_map} is written as NPZ: end it in .npz.")
+            raise unknown_ending(options.id_map, [".npz"])
         check_output(options.id_map, "points")
     families = [EXPORTS[kind] for kind in options.kind]
     own = [each.option for family in families for each in options_of(family).values()]

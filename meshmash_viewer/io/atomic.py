@@ -198,17 +198,18 @@ def made_folder(folder: Path) -> Iterator[None]:
 def writing_errors(path: Path, *, is_folder: bool = False) -> Iterator[None]:
     """Convert an `OSError` while writing `path`, a file or a folder, to an `InputError`."""
     if path.is_dir() and not is_folder:
-        raise InputError(f"{path} is a folder; name a file in it.")
+        raise InputError("not-a-file", f"{path} is a folder", "name a file in it")
     if not path.parent.is_dir() and not is_folder:
-        raise InputError(
-            f"{path} cannot be written because there is no folder {path.parent}; make it first."
-        )
+        what = f"{path} cannot be written because there is no folder {path.parent}"
+        raise InputError("folder-not-found", what, "make it first")
     try:
         yield
     except OSError as fault:
         raise InputError(
-            f"{path} cannot be written ({fault.strerror or fault}); choose another folder, free"
-            " the disk, give yourself permission or close the program that has the file open."
+            "not-writable",
+            f"{path} cannot be written ({fault.strerror or fault})",
+            "choose another folder, free the disk, give yourself permission or close the program"
+            " that has the file open",
         ) from fault
 
 

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import IntArray
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, printable, unknown_ending, wrong_format, wrong_shape
 from meshmash_viewer.features.domains import (
     EDGE_COLUMNS,
     NODE_COLUMNS,
@@ -72,9 +72,11 @@ def write_condensed_features(path: str | Path, features: DataFrame, labels: npt.
     rows = features if -1 in features.index else features.reindex([-1, *features.index])
     k = len(rows) - 1
     if rows.index.tolist() != list(range(-1, k)):
-        raise InputError("The index of condensed features is not 0, 1, 2 and so on: sort them.")
+        fault = "The index of condensed features is not 0, 1, 2 and so on"
+        raise InputError("not-sorted", fault, "sort them")
     if int(known.max(initial=-1)) >= k:
-        raise InputError(f"Labels are up to {known.max()}, but there are only {k} rows of domains.")
+        fault = f"Labels are up to {known.max()}, but there are only {k} rows of domains"
+        raise InputError("counts-differ", fault)
     arrays = {"X": np.asarray(rows, dtype=np.float32), "labels": known.astype(np.int32)}
     _write(path, arrays, {HEADER: features})
 
@@ -106,14 +108,15 @@ def condensed_columns(
     `InputError` is raised if they are invalid; its message is a clause without the file name.
     """
     if values.ndim != 2 or values.dtype.kind not in "fiu" or not len(values):
-        raise InputError(f"has X of shape {values.shape}, not a row for each domain")
+        raise wrong_shape("Values X", values.shape, "a row for each domain")
     if labels.ndim != 1 or labels.dtype.kind not in "iu" or not len(labels):
-        raise InputError(f"has labels of shape {labels.shape}, not a whole number per vertex")
+        raise wrong_shape("Labels", labels.shape, "a whole number per vertex")
     low, high = int(labels.min()), int(labels.max())
     if low < -1 or high > len(values) - 2:
         raise InputError(
+            "counts-differ",
             f"has labels from {low} to {high}, and {len(values)} rows of X, which are of -1 and the"
-            f" domains from 0 to {len(values) - 2}"
+            f" domains from 0 to {len(values) - 2}",
         )
     return _header(path, HEADER, values.shape[1])
 
@@ -154,9 +157,8 @@ def read_condensed_graph(path: str | Path) -> tuple[DataFrame, DataFrame]:
     """
     with _reading(path, "nodes", "edges") as (nodes, edges):
         if nodes.ndim != 2 or edges.ndim != 2:
-            raise InputError(
-                f"has nodes of shape {nodes.shape} and edges of shape {edges.shape}, not tables"
-            )
+            shapes = f"{nodes.shape} and {edges.shape}"
+            raise wrong_shape("Nodes and edges", shapes, "two tables")
         usual = (*NODE_COLUMNS, NUCLEUS_COLUMN)
         first = frame_of_domains(nodes, _header(Path(path), NODES_HEADER, nodes.shape[1], usual))
         names = _header(Path(path), EDGES_HEADER, edges.shape[1], EDGE_COLUMNS)
@@ -181,9 +183,10 @@ def write_id_map(path: str | Path, ids: npt.ArrayLike, vertices: npt.ArrayLike) 
     one, other = np.asarray(ids), np.asarray(vertices)
     if one.shape != other.shape or one.ndim != 1 or {one.dtype.kind, other.dtype.kind} - {*"iu"}:
         said = f"{one.shape} and {other.shape}"
-        raise InputError(f"Ids and vertices of shapes {said}: give one whole number of each.")
+        raise wrong_shape("Ids and vertices", said, "one whole number of each")
     if int(one.max(initial=0)) >= 2**63:
-        raise InputError(f"The id {one.max()} is not below 2**63: the file cannot hold it.")
+        fault = f"The id {one.max()} is not below 2**63"
+        raise InputError("not-exact", fault, "the file cannot hold it")
     _write(path, {ID_MAP: np.column_stack([one.astype(np.int64), other.astype(np.int64)])}, {})
 
 
@@ -200,9 +203,7 @@ def read_id_map(path: str | Path) -> tuple[IntArray, IntArray]:
     """
     with _reading(path, ID_MAP) as (found,):
         if found.ndim != 2 or found.shape[1] != 2 or found.dtype.kind not in "iu":
-            raise InputError(
-                f"has {ID_MAP} of shape {found.shape}, not two whole numbers an object"
-            )
+            raise wrong_shape(f"Rows of {ID_MAP}", found.shape, "two whole numbers an object")
         ids, vertices = found.astype(np.int64).T
         return ids, vertices
 
@@ -265,10 +266,11 @@ def _check_graph(nodes: DataFrame, edges: DataFrame, subject: str) -> None:
     """Raise `InputError` if a graph lacks columns, or an end of an edge is no node."""
     for table, needed in ((nodes, NODE_COLUMNS[:3]), (edges, _ENDS)):
         if missing := [name for name in needed if name not in table.columns]:
-            raise InputError(f"{subject} no column {missing[0]}")
+            raise InputError("no-column", f"{subject} no column {missing[0]}")
     ends = np.asarray(edges[list(_ENDS)], dtype=np.int64)
     if bad := set(ends.ravel().tolist()) - set(range(len(nodes))):
-        raise InputError(f"{subject} an edge from or to node {min(bad)}, and {len(nodes)} nodes")
+        fault = f"{subject} an edge from or to node {min(bad)}, and {len(nodes)} nodes"
+        raise InputError("vertex-out-of-range", fault)
 
 
 def _write(
@@ -277,20 +279,22 @@ def _write(
     """Write arrays, and files of the names of columns that do not exist yet."""
     path = Path(path)
     if path.suffix.lower() != ".npz":
-        raise InputError(f"{path} does not end in .npz, which is the format of domains.")
+        raise unknown_ending(path, [".npz"])
     with writing_errors(path):
         new = {}
         for name, table in headers.items():
             columns, header = list(map(str, table)), path.parent / name
             if any("\t" in each or "\n" in each for each in columns):
-                raise InputError(f"A column of {path} has a tab or a line break in its name.")
+                raise InputError("wrong-name", f"{path} has a tab or line break in a column name")
             text = "\t".join(columns)
             if not header.exists():
                 new[header] = text
             elif header.read_text(encoding="utf-8").rstrip("\r\n") != text:
                 raise InputError(
+                    "other-columns",
                     f"{path} has other columns than those in {header}, which is for all files of"
-                    " the folder: choose another folder."
+                    " the folder",
+                    "choose another folder",
                 )
         with written_together(*new, path) as (*parts, whole):
             for part, text in zip(parts, new.values(), strict=True):
@@ -307,13 +311,15 @@ def _header(
     if not header.exists():
         if usual is not None and count <= len(usual):
             return usual[:count]
-        raise InputError(f"has no {name} next to it, which names its columns: copy it there")
+        fault = f"has no {name} next to it, which names its columns"
+        raise InputError("file-not-found", fault, "copy it there")
     try:
         names = header.read_text(encoding="utf-8").rstrip("\r\n").split("\t")
     except UnicodeDecodeError:
-        raise InputError(f"has a {name} next to it that is no text") from None
+        raise wrong_format(f"has a {name} next to it that is no text") from None
     if len(names) != count:
-        raise InputError(f"has {count} columns, and {name} next to it names {len(names)}")
+        fault = f"has {count} columns, and {name} next to it names {len(names)}"
+        raise InputError("counts-differ", fault)
     return tuple(printable(each, 60) for each in names)
 
 
@@ -323,18 +329,18 @@ def _reading(path: str | Path, *names: str) -> Iterator[list[npt.NDArray[Any]]]:
     require("pandas")
     try:
         if not Path(path).exists():
-            raise InputError("does not exist: check its folder and its spelling")
+            raise InputError("file-not-found", "does not exist", "check its spelling")
         if not zipfile.is_zipfile(path):
-            raise InputError("is not an NPZ archive")
+            raise wrong_format("is not an NPZ archive")
         try:
             with np.load(path) as archive:
                 held = archive.files
                 found = [np.asarray(archive[name]) for name in names if name in held]
         except Exception as fault:  # the parsers raise various types
-            raise InputError("is damaged or cut short") from fault
+            raise InputError("file-damaged", "is damaged or cut short") from fault
         if missing := [name for name in names if name not in held]:
             listed = printable(", ".join(held) or "nothing")
-            raise InputError(f"holds {listed}, and no array {missing[0]}")
+            raise InputError("missing-data", f"holds {listed}, and no array {missing[0]}")
         yield found
     except InputError as fault:
-        raise InputError(f"{path} {fault}.") from fault
+        raise fault.of(path) from fault

@@ -8,6 +8,7 @@ import numpy as np
 
 from meshmash_viewer.arrays import FloatArray, IntArray, distinct_corners, first_equal
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.raw import REPAIR
 from meshmash_viewer.surface.edges import connected
 
 #: Largest distance of joined vertices, relative to the longest side of the bounding box: half the
@@ -33,7 +34,7 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
     if not len(vertices):
         return vertices, faces, np.arange(0)
     if not np.isfinite(vertices).all():
-        raise InputError("has a vertex with a coordinate that is not finite")
+        raise InputError("not-finite", "has a vertex with a coordinate that is not finite", REPAIR)
     points = vertices + 0.0  # replaces -0.0 by 0.0, as bits are compared
     representative = first_equal(points)
     faces = representative[faces]
@@ -80,8 +81,9 @@ def _reach(points: FloatArray, faces: IntArray) -> FloatArray:
     extent = float(np.ptp(points, axis=0).max())
     if np.median(longest) < _LEAST_FACE * extent:
         raise InputError(
+            "beyond-floating-point",
             f"has a coordinate as large as {np.abs(points).max():.3g}, next to which the others are"
-            " so small that they cannot be distinguished"
+            " so small that they cannot be distinguished",
         )
     smallest = np.full(len(points), np.inf)
     for corner in faces.T:

@@ -80,19 +80,20 @@ def parse_link(text: str, segment: int | str | None = None, lod: int | None = No
     """
     layers = layers_of(text)
     if lod is not None and lod < 0:
-        raise InputError(f"The level of detail is {lod}: give 0 for the finest, or a larger one.")
+        fault = f"The level of detail is {lod}"
+        raise InputError("out-of-range", fault, "give 0 for the finest, or a larger one")
     if segment is None:
         named = [(layer, each) for layer in layers for each in layer.segments]
         if not named:
-            raise InputError(
-                f"The link {_short(layers)} names no segment: give its id"
-                " (--segment ID, or segment=ID)."
-            )
+            fault = f"The link {_short(layers)} names no segment"
+            raise InputError("missing-argument", fault, "give its id (--segment ID, or segment=ID)")
         if len(named) > 1:
             ids = ", ".join(str(each) for _, each in named[:5]) + ", …" * (len(named) > 5)
             raise InputError(
+                "ambiguous-content",
                 f"The link names {len(named)} segments: give one of them (--segment ID, or"
-                f" segment=ID): {ids}."
+                " segment=ID)",
+                f"{ids}",
             )
         layer, number = named[0]
     else:
@@ -100,8 +101,10 @@ def parse_link(text: str, segment: int | str | None = None, lod: int | None = No
         listing = [layer for layer in layers if number in layer.segments] or list(layers)
         if len(listing) > 1:
             raise InputError(
+                "ambiguous-content",
                 f"The link names {len(listing)} layers, and segment {number} may be of any: give"
-                f" the link of one: {_short(listing)}."
+                " the link of one",
+                f"{_short(listing)}",
             )
         layer = listing[0]
     return MeshLink(layer.source, number, layer.lod if lod is None else lod)
@@ -111,10 +114,8 @@ def segment_id(text: int | str) -> int:
     """Convert the id of a segment to an integer; `InputError` is raised if it is no id."""
     written = str(text).strip()
     if not re.fullmatch(r"[0-9]{1,20}", written) or not 0 < int(written) < 2**64:
-        raise InputError(
-            f"{printable(written, 40)!r} is no id of a segment: give the whole number that"
-            " Neuroglancer shows, such as 720575940612345678."
-        )
+        remedy = "give the whole number that Neuroglancer shows, such as 720575940612345678"
+        raise InputError("wrong-link", f"{printable(written, 40)!r} is no id of a segment", remedy)
     return int(written)
 
 
@@ -138,8 +139,10 @@ def _layers_of_state(state: str) -> tuple[Layer, ...]:
     state = unquote(state).strip()
     if not state.startswith("{"):
         raise InputError(
-            "The state of this URL of Neuroglancer is kept on a server: give the source of its"
-            " layer (precomputed://… or graphene://…) and the id of the segment."
+            "wrong-link",
+            "The state of this URL of Neuroglancer is kept on a server",
+            "give the source of its layer (precomputed://… or graphene://…) and the id of the"
+            " segment",
         )
     try:
         layers = json.loads(state).get("layers", [])
@@ -150,13 +153,13 @@ def _layers_of_state(state: str) -> tuple[Layer, ...]:
         raise
     except (ValueError, TypeError, AttributeError, RecursionError):
         raise InputError(
-            "The state of this URL of Neuroglancer cannot be read: copy the whole URL again, or"
-            " give the source of its layer and the id of the segment."
+            "wrong-link",
+            "The state of this URL of Neuroglancer cannot be read",
+            "copy the whole URL again, or give the source of its layer and the id of the segment",
         ) from None
     if not found:
-        raise InputError(
-            "This URL of Neuroglancer has no layer of segments: open one there, and copy it again."
-        )
+        fault = "This URL of Neuroglancer has no layer of segments"
+        raise InputError("wrong-link", fault, "open one there, and copy it again")
     return found
 
 
@@ -182,16 +185,19 @@ def _source(text: str) -> str:
     if found is None:
         scheme = _SCHEME.match(text)
         raise InputError(
-            f"A link of {scheme[0] if scheme else 'this kind'} cannot be read: give the source of a"
-            " layer, such as precomputed://gs://bucket/layer, or a URL of Neuroglancer."
+            "wrong-link",
+            f"A link of {scheme[0] if scheme else 'this kind'} cannot be read",
+            "give the source of a layer, such as precomputed://gs://bucket/layer, or a URL of"
+            " Neuroglancer",
         )
     kind, place = (found[1] or "precomputed").lower(), found[2].rstrip("/")
     protocol, _, rest = place.partition("://")
     if "@" in rest.partition("/")[0] or "?" in rest:
         raise InputError(
+            "secret-in-link",
             "The link holds a password or a query such as ?token=…, which recent files and sessions"
-            " would keep: give it without, and the secret to cloud-volume in"
-            " ~/.cloudvolume/secrets."
+            " would keep",
+            "give it without, and the secret to cloud-volume in ~/.cloudvolume/secrets",
         )
     if protocol.lower() == "file" and os.name == "posix":
         rest = os.path.abspath(os.path.expanduser(unquote(rest)))
@@ -224,7 +230,8 @@ def read_link(path: Path) -> MeshLink:
     except (OSError, UnicodeDecodeError):
         text = ""
     if not is_link(text):
-        raise InputError(f"{path} holds no link: write precomputed://…#segment=ID into it.")
+        fault = f"{path} holds no link"
+        raise InputError("wrong-link", fault, "write precomputed://…#segment=ID into it")
     return parse_link(text)
 
 

@@ -25,8 +25,15 @@ from meshmash_viewer.io.formats.brain import (
 )
 from meshmash_viewer.io.formats.npz import holds_a_mesh, npy_maps, npz_maps
 from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
-from meshmash_viewer.io.raw import LimitExceeded, RawMap, checked_maps, read_guarded
-from meshmash_viewer.io.read import READERS, Reader, check_file, file_ending, unpacked
+from meshmash_viewer.io.raw import RawMap, checked_maps, read_guarded
+from meshmash_viewer.io.read import (
+    READERS,
+    Reader,
+    check_file,
+    file_ending,
+    no_permission,
+    unpacked,
+)
 from meshmash_viewer.io.signatures import misnamed
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.structures import brain_side
@@ -145,7 +152,7 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
     """
     condition = None if Path(given).exists() else _CONDITION.fullmatch(str(given))
     path, named = _divided(given if condition is None else condition["file"])
-    maps, faults = read_maps(path, mesh), list[str]()
+    maps, faults = read_maps(path, mesh), list[InputError]()
     chosen = tuple(each for each in maps if each.name == named)
     if chosen:
         maps, named = chosen, ""
@@ -156,8 +163,8 @@ def read_mask(given: str | Path, mesh: MeshLike) -> npt.NDArray[np.bool_]:
             found = as_mesh(mesh).with_maps(each).maps[-1]
             return found.mask(named) if condition is None else _meeting(condition, found, named)
         except InputError as fault:
-            faults.append(str(fault))
-    raise InputError(f"{path}: {faults[0]}")
+            faults.append(fault)
+    raise faults[0].of(path)
 
 
 def read_labels(given: str | Path, mesh: MeshLike) -> VertexMap:
@@ -196,7 +203,7 @@ def _meeting(condition: re.Match[str], found: VertexMap, named: str) -> npt.NDAr
     """Return a mask of the vertices whose value meets a condition."""
     if named or found.labels:
         what = f"has no map {named!r}" if named else f"{found.name!r} has labels"
-        raise InputError(f"{what}, and a condition is on the values of a map.")
+        raise InputError("no-values", f"{what}, and a condition is on the values of a map")
     return np.asarray(_COMPARED[condition["how"]](found.values, float(condition["limit"])))
 
 
@@ -212,8 +219,10 @@ def _divided(given: str | Path) -> tuple[Path, str]:
 def _several(path: Path, maps: tuple[VertexMap, ...]) -> InputError:
     names = ", ".join(each.name for each in maps)
     if len(maps) == 1:
-        return InputError(f"{path} has one map, {names}: leave out the name after the colon.")
-    return InputError(f"{path} has {len(maps)} maps, name one after a colon: {names}.")
+        remedy = "leave out the name after the colon"
+        return InputError("unknown-name", f"{path} has one map, {names}", remedy)
+    remedy = f"name one after a colon, of {names}"
+    return InputError("ambiguous-content", f"{path} has {len(maps)} maps", remedy)
 
 
 def maps_and_remarks(
@@ -229,25 +238,16 @@ def maps_and_remarks(
             raw = read_guarded(reader, plain, limits)
             of_domains = reader is npz_maps and holds(plain, "X", "labels")
         if not raw.maps:
-            raise InputError("has no values at its vertices except coordinates")
+            raise InputError("no-values", "has no values at its vertices except coordinates")
         found, faults = _fitting(raw.described_maps, mesh, path)
         if of_domains:
             found, said_of_domains = labelled_domains(found, mesh)
             faults = (*faults, *said_of_domains)
-    except LimitExceeded as fault:
-        raise InputError(f"{path} {fault}") from fault
     except InputError as fault:
-        text = str(fault)
-        if text.startswith("Map "):
-            raise InputError(f"{path}: {text[0].lower()}{text[1:]}") from fault
-        if "not installed" in text:
-            raise InputError(f"{path} {text}.") from fault
-        packed = "unpacked" in text
-        remedy = "copy or export it again" if packed else "give a file with one number per vertex"
-        clause = misnamed(path, ending) or f"{text}; {remedy}"
-        raise InputError(f"{path} {clause}.") from fault
+        found_kind = misnamed(path, ending) or fault
+        raise found_kind.of(path, "give a file with one number per vertex") from fault
     except PermissionError as fault:
-        raise InputError(f"{path} cannot be read: give yourself read permission.") from fault
+        raise no_permission(path) from fault
     said = () if len(raw.vertices) else raw.remarks
     said = (*said, *_of_other_side(found, mesh, raw.structure, path))
     return found, tuple(f"{path} {remark}." for remark in (*said, *faults))
@@ -277,10 +277,9 @@ def _reader(path: Path) -> Reader:
     if ending in _VALUES or kind == "values":
         return freesurfer_values
     if kind == "patch":
-        raise InputError("is a FreeSurfer patch, a part of a surface without values")
-    raise InputError(
-        f"has an ending ({printable(ending, 40) or 'none'}) of no known format of maps"
-    )
+        raise InputError("no-values", "is a FreeSurfer patch, a part of a surface without values")
+    known = f"has an ending ({printable(ending, 40) or 'none'}) of no known format of maps"
+    raise InputError("unknown-ending", known)
 
 
 def _fitting(
@@ -298,7 +297,7 @@ def _fitting(
     found, faults, clauses = checked_maps(fitting or maps, max(lengths), path)
     if not fitting:
         if volume := maps[0].volume:
-            raise InputError(f"has shape {volume}, which is a volume and not values of a surface")
+            raise InputError("wrong-shape", f"has the shape {volume} of a volume, not of a surface")
         _check_wall(maps[0], mesh, path)
         mesh.with_maps(*found)
     if not found or not fitting:
@@ -321,8 +320,10 @@ def _check_wall(found: RawMap, mesh: Mesh, path: Path) -> None:
     count, n = len(found.values), mesh.n_file_vertices
     if brain_side(mesh.structure, mesh.name) is not None and _LEAST_CORTEX * n < count < n:
         raise InputError(
+            "other-mesh",
             f"Map {found.name or path.name!r} has {count:,} values and the mesh {n:,} vertices, so"
-            " it may be without the medial wall: add the vertices of its values, with a mask"
-            f' that is True outside the wall, as in np.savez("{path.name.split(".")[0]}.npz",'
-            " vertex=np.flatnonzero(mask), values=values)."
+            " it may be without the medial wall",
+            "add the vertices of its values, with a mask that is True outside the wall, as in"
+            f' np.savez("{path.name.split(".")[0]}.npz", vertex=np.flatnonzero(mask),'
+            " values=values)",
         )

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError, printable, require
+from meshmash_viewer.errors import InputError, printable, require, unknown_ending
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.read import check_file
 from meshmash_viewer.learn import KINDS
@@ -37,9 +37,10 @@ def check_model_path(path: str | Path) -> None:
     require("Files of models need", "learn", "skops", "sklearn")
     path = Path(path)
     if path.suffix.lower() != MODEL_ENDING:
-        raise InputError(f"{path} is not the name of a model; give it the ending {MODEL_ENDING}.")
+        raise unknown_ending(path, [MODEL_ENDING])
     if not path.parent.is_dir():
-        raise InputError(f"There is no folder {path.parent}: make it, or name another one.")
+        fault = f"There is no folder {path.parent}"
+        raise InputError("folder-not-found", fault, "make it, or name another one")
 
 
 def write_classes(path: str | Path, model: ClassModel) -> None:
@@ -119,13 +120,14 @@ def read_classes(path: str | Path) -> ClassModel:
         unknown = sorted(set(io.get_untrusted_types(file=path)) - {_CHECKED})
         model = None if unknown else _model(path, card)
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, OSError) as fault:
-        raise InputError(
-            f"{path} is a damaged model ({printable(fault)}): copy it again, or train another one."
-        ) from fault
+        what = f"{path} is a damaged model ({printable(fault)})"
+        raise InputError("file-damaged", what, "copy it again, or train another one") from fault
     if model is None:
         raise InputError(
-            f"{path} holds {printable(', '.join(unknown))}, which is no part of a model of classes:"
-            " it is not loaded; get it from whom you trust, or train it again."
+            "untrusted-content",
+            f"{path} holds {printable(', '.join(unknown))}, which is no part of a model of classes,"
+            " and is not loaded",
+            "get it from a source that you trust, or train it again",
         )
     return model
 
@@ -136,30 +138,34 @@ def _card(path: Path) -> dict[str, Any]:
         with zipfile.ZipFile(path) as archive:
             sizes = {each.filename: each.file_size for each in archive.infolist()}
             if sum(sizes.values()) > _LARGEST or sizes.get(_CARD, 0) > _LARGEST_CARD:
-                raise InputError(f"{path} unpacks to more than a model can have: train it again.")
+                what = f"{path} unpacks to more than a model can have"
+                raise InputError("too-large", what, "train it again")
             card = json.loads(archive.read(_CARD))
     except InputError:
         raise
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError, NotImplementedError) as fault:
-        raise InputError(
-            f"{path} is no model of classes: choose one that `train` has written."
-        ) from fault
+        what = f"{path} is no model of classes"
+        raise InputError("wrong-format", what, "choose one that `train` has written") from fault
     return card if isinstance(card, dict) else {}
 
 
 def _check_versions(path: Path, card: dict[str, Any]) -> None:
     if card.get("format") != _FORMAT:
         raise InputError(
+            "wrong-version",
             f"{path} has version {printable(card.get('format'), 20)} of the format of models, and"
-            f" this program reads {_FORMAT}: train it again, or use the program that wrote it."
+            f" this program reads {_FORMAT}",
+            "train it again, or use the program that wrote it",
         )
     versions = card.get("versions")
     written = str(versions.get("scikit-learn")) if isinstance(versions, dict) else "unknown"
     here = metadata.version("scikit-learn")
     if written.split(".")[:2] != here.split(".")[:2]:
         raise InputError(
+            "wrong-version",
             f"{path} was trained with scikit-learn {printable(written, 20)}, and {here} is"
-            " installed, which may give other results: train it again, or install that version."
+            " installed, which may give other results",
+            "train it again, or install that version",
         )
 
 

@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, package_missing, unknown_ending
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 
 Frame: TypeAlias = npt.NDArray[np.uint8]
@@ -54,40 +54,30 @@ def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
     path, (width, height) = Path(path), size
     ending = path.suffix.lower()
     if ending not in _WRITERS or not path.stem:
-        raise InputError(
-            f"{path} has no ending in which movies can be written; give it one of"
-            f" {' '.join(MOVIE_ENDINGS)}."
-        )
-    missing = missing_encoder(ending)
-    if missing:
-        raise InputError(missing)
+        raise unknown_ending(path, MOVIE_ENDINGS)
+    if missing := missing_encoder(ending):
+        raise missing
     fastest = _FASTEST_GIF if ending == ".gif" else _FASTEST
     if not 0.0 < rate <= fastest:
-        raise InputError(
-            f"{ending} does not support {rate:g} frames per second: choose a rate above 0"
-            f" and up to {fastest:g}."
-        )
+        fault = f"{ending} does not support {rate:g} frames per second"
+        raise InputError("out-of-range", fault, f"choose a rate above 0 and up to {fastest:g}")
     if ending == ".mp4" and (width % 2 or height % 2):
         even = f"{max(width // 2 * 2, 2)}x{max(height // 2 * 2, 2)}"
-        raise InputError(
-            f"An MP4 has an even width and height, and {width}x{height} are not: take {even}."
-        )
+        fault = f"An MP4 has an even width and height, and {width}x{height} are not"
+        raise InputError("odd-size", fault, f"take {even}")
 
 
-def missing_encoder(ending: str) -> str:
-    """Return a sentence on the missing encoder of a movie format; "" if it is installed."""
+def missing_encoder(ending: str) -> InputError | None:
+    """Return the fault of a movie format whose encoder is not installed, or None."""
     if ending != ".mp4":
-        return ""
+        return None
     try:
         import imageio_ffmpeg
 
         imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError):  # the package, or ffmpeg itself
-        return (
-            "An MP4 needs imageio-ffmpeg, which is not installed: pip install"
-            ' "meshmash-viewer[movie]", or write .gif.'
-        )
-    return ""
+        return package_missing("An MP4 needs", "imageio-ffmpeg", "movie")
+    return None
 
 
 @contextmanager
@@ -109,7 +99,11 @@ def _mp4(part: Path, size: tuple[int, int], rate: float) -> Iterator[Add]:
     """Write H.264, which every browser plays."""
     from imageio_ffmpeg import count_frames_and_secs, write_frames
 
-    fault = InputError("ffmpeg cannot write this movie: write .gif, or make space on the disk.")
+    fault = InputError(
+        "not-writable",
+        "ffmpeg cannot write this movie",
+        "write .gif, or make space on the disk",
+    )
     count = 0
     writer = write_frames(
         *(str(part), size), fps=rate, codec="libx264", quality=6.5, macro_block_size=2,

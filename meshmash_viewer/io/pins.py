@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, not_readable, printable
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.formats.tables import is_label_set, text_rows
 from meshmash_viewer.units import LENGTH_UNITS
@@ -50,14 +50,14 @@ def pin_table(at: npt.ArrayLike, names: Sequence[str] = (), colors: Sequence[str
     given = np.asarray(at)
     whole = given.ndim == 1 and np.issubdtype(given.dtype, np.integer)
     if not given.size or not (whole or (given.ndim == 2 and given.shape[1] == 3)):
-        raise InputError(
-            f"Pins of shape {given.shape} and type {given.dtype} are not known: give indices of"
-            " shape (n,), or positions of shape (n, 3)."
-        )
+        wrong = f"Pins of shape {given.shape} and type {given.dtype} are not known"
+        remedy = "give indices of shape (n,), or positions of shape (n, 3)"
+        raise InputError("wrong-shape", wrong, remedy)
     n = len(given)
     for what, texts in (("names", names), ("colours", colors)):
         if len(texts) not in (0, n):
-            raise InputError(f"There are {n} pins and {len(texts)} {what}: give one for each.")
+            fault = f"There are {n} pins and {len(texts)} {what}"
+            raise InputError("counts-differ", fault, "give one for each")
     indices = given.astype(np.int64) if whole else np.full(n, -1)
     positions = np.full((n, 3), np.nan) if whole else given.astype(np.float64)
     return PinTable(indices, positions, tuple(names) or ("",) * n, tuple(colors) or ("",) * n)
@@ -75,26 +75,26 @@ def read_pins(path: str | Path) -> PinTable:
     path = Path(path)
     try:
         if path.stat().st_size > _LARGEST:
-            raise InputError(f"{path.name} is too large for a table of pins: select some rows.")
+            what = f"{path.name} is too large for a table of pins"
+            raise InputError("too-large", what, "select some rows")
         rows, decimal = text_rows(path)
     except OSError as fault:
-        raise InputError(
-            f"{path} cannot be read ({fault.strerror}): check its name and permission."
-        ) from fault
+        raise not_readable(path, fault) from fault
     except csv.Error as fault:
-        raise InputError(f"{path.name} is no table ({fault}): choose another file.") from fault
+        what = f"{path.name} is no table ({fault})"
+        raise InputError("wrong-format", what, "choose another file") from fault
     columns, found = _columns(rows[0] if rows else []), rows[1:]
     if "index" not in columns and not columns.keys() >= set(_AXES):
         named = ", ".join(printable(name, 30) for name in columns) or "none"
         raise InputError(
-            f"{path.name} is no table of pins: it needs a column index, or x, y and z, in its first"
-            f" line, and its columns are {named}."
+            "no-column",
+            f"{path.name} is no table of pins",
+            "it needs a column index, or x, y and z, in its first line, and its columns are"
+            f" {named}",
         )
     if len(found) > MOST_PINS:
-        raise InputError(
-            f"{path.name} has {len(found):,} rows, and at most {MOST_PINS:,} can be pins: select"
-            " some of them."
-        )
+        what = f"{path.name} has {len(found):,} rows, and at most {MOST_PINS:,} can be pins"
+        raise InputError("too-large", what, "select some of them")
 
     def entries(name: str) -> list[str]:
         at = columns.get(name, -1)
@@ -150,9 +150,8 @@ def _number(path: Path, row: int, name: str, text: str, missing: float) -> float
     except (ValueError, OverflowError):
         whole = False
     if not whole:
-        raise InputError(
-            f"{path.name} has {printable(text, 30)!r} as {name} in row {row}: correct that row."
-        )
+        fault = f"{path.name} has {printable(text, 30)!r} as {name} in row {row}"
+        raise InputError("not-a-number", fault, "correct that row")
     return value
 
 

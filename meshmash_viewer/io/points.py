@@ -13,7 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, exact_array
-from meshmash_viewer.errors import InputError, not_installed, printable
+from meshmash_viewer.errors import (
+    InputError,
+    not_readable,
+    package_missing,
+    printable,
+    wrong_format,
+    wrong_type,
+)
 from meshmash_viewer.features.points import Points, ProjectedPoints
 from meshmash_viewer.io.formats.tables import counts_rows, plain_table, text_table
 from meshmash_viewer.io.write import write_table
@@ -52,7 +59,8 @@ class SeveralPositionsError(InputError):
     def __init__(self, name: str, stems: Iterable[str]) -> None:
         self.stems = tuple(stem or "x" for stem in stems)
         named = ", ".join(self.stems)
-        super().__init__(f"{name} has several positions in a row: name one of {named}.")
+        fault = f"{name} has several positions in a row"
+        super().__init__("several-positions", fault, f"name one of {named}")
 
 
 def read_points(
@@ -92,7 +100,7 @@ def read_points(
         columns = _read(path)
     columns = {each: values for each, values in columns.items() if not counts_rows(each, values)}
     if not any(map(len, columns.values())):
-        raise InputError(f"{name} has no rows: export it again.")
+        raise InputError("no-points", f"{name} has no rows", "export it again")
     found = _positions(columns)
     if position:
         found = {stem: names for stem, names in found.items() if position in (stem, *names)}
@@ -100,8 +108,10 @@ def read_points(
         named = ", ".join(printable(each, 30) for each in columns) or "none"
         wanted = f"no position {position!r}" if position else "no position"
         raise InputError(
-            f"{name} has {wanted}: a position is three columns such as x, y, z or pre_x, pre_y,"
-            f" pre_z, or one column of three numbers. Rename its columns, which are {named}."
+            "no-column",
+            f"{name} has {wanted}",
+            "a position is three columns such as x, y, z or pre_x, pre_y, pre_z, or one column of"
+            f" three numbers: rename its columns, which are {named}",
         )
     if len(found) > 1:
         raise SeveralPositionsError(name, found)
@@ -109,7 +119,8 @@ def read_points(
     places = _coordinates(name, columns, names)
     given = np.isfinite(places).all(axis=1)
     if not given.any():
-        raise InputError(f"{name} has no position in any of its rows: export it again.")
+        fault = f"{name} has no position in any of its rows"
+        raise InputError("no-points", fault, "export it again")
     left_out = int(np.count_nonzero(~given))
     others = {each: values for each, values in columns.items() if each not in names}
     lower = {re.sub(r"[\W_]+", "_", each.lower()): each for each in others}
@@ -176,22 +187,19 @@ def _read(path: Path, *, beginning: bool = False) -> Columns:
     """Read the columns of a file; with `beginning`, only the first rows."""
     ending = path.suffix.lower()
     if ending not in POINT_ENDINGS:
-        raise InputError(
-            f"{path.name} is no table of points: give a file that ends in one of"
-            f" {' '.join(POINT_ENDINGS)}."
-        )
+        remedy = f"give a file that ends in one of {' '.join(POINT_ENDINGS)}"
+        raise InputError("unknown-ending", f"{path.name} is no table of points", remedy)
     try:
         if ending in _TEXT_ENDINGS:
             table = text_table(path, _BEGINNING if beginning else None)
         else:
             table = plain_table(_arrow_table(path, ending, beginning))
     except ModuleNotFoundError as fault:
-        raise InputError(f"{path.name} is read by {not_installed('pyarrow')}.") from fault
+        raise package_missing(f"{path.name} is read by", "pyarrow") from fault
     except OSError as fault:
-        said = fault.strerror or printable(fault)
-        raise InputError(f"{path} cannot be read ({said}): check its name and content.") from fault
+        raise not_readable(path, fault) from fault
     except InputError as fault:
-        raise InputError(f"{path.name} {fault}: export it again.") from fault
+        raise fault.of(path.name, "export it again") from fault
     return _from_arrow_table(path.name, table)
 
 
@@ -204,7 +212,7 @@ def _from_arrow_table(name: str, table: pyarrow.Table) -> Columns:
 def _check_different(name: str, columns: Sequence[str]) -> None:
     """Raise `InputError` if two columns have the same name."""
     if repeated := next((each for each in columns if columns.count(each) > 1), None):
-        raise InputError(f"{name} has two columns called {repeated!r}: rename one.")
+        raise InputError("given-twice", f"{name} has two columns called {repeated!r}", "rename one")
 
 
 def _in_memory(table: Any) -> Columns:
@@ -217,10 +225,8 @@ def _in_memory(table: Any) -> Columns:
         except pyarrow.ArrowInvalid:
             pass  # a column, not a table
     if not (isinstance(table, Mapping) or (hasattr(table, "keys") and hasattr(table, "columns"))):
-        raise InputError(
-            "Points are read from a file or a table with named columns, such as a DataFrame, not"
-            f" from {type(table).__name__}: give positions alone to project_points."
-        )
+        wanted = "a file or a table with named columns; positions alone to project_points"
+        raise wrong_type("Points", type(table), wanted)
     keys = list(table.keys())
     levels = enumerate(getattr(getattr(table, "index", None), "names", ()))
     if named := [level for level, name in levels if name is not None and name not in keys]:
@@ -259,7 +265,7 @@ def _arrow_table(path: Path, ending: str, beginning: bool) -> pyarrow.Table:
             batches = list(islice(file.iter_batches(100), 1))
             return pyarrow.Table.from_batches(batches, file.schema_arrow)
     except pyarrow.ArrowException as fault:
-        raise InputError(f"is no table ({printable(fault)})") from fault
+        raise wrong_format(f"is no table ({printable(fault)})") from fault
 
 
 def _from_arrow(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
@@ -337,9 +343,8 @@ def _coordinates(name: str, columns: Columns, names: tuple[str, ...]) -> FloatAr
                 made.append(parse(given))
             except (TypeError, ValueError) as fault:
                 said = f"{printable(given, 30)!r} as {column} in row {row}"
-                raise InputError(
-                    f"{name} has {said}, which is not {wanted}: correct that row."
-                ) from fault
+                what = f"{name} has {said}, which is not {wanted}"
+                raise InputError("not-a-number", what, "correct that row") from fault
         found.append(np.array(made, dtype=np.float64))
     return np.column_stack(found)
 

@@ -24,7 +24,14 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, MeshWarning, missing_module, not_installed, printable
+from meshmash_viewer.errors import (
+    InputError,
+    MeshWarning,
+    missing_module,
+    no_whole_numbers,
+    package_missing,
+    printable,
+)
 from meshmash_viewer.io.provenance import stated_map_labels, stated_units
 from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.plug_ins import PlugIn
@@ -45,6 +52,8 @@ _PATH = re.compile(
     r"(?:~|\.{1,2}|[a-z]:|file:/*)?[\\/].*[^\\/]|.*[\\/](?:[lr]h\.[^\\/]+|[^\\/]+\.(?:gii|mg[hz]|nii|csv))",
     re.IGNORECASE,
 )
+#: Remedies of files without triangles, and with unusable ones.
+AS_SURFACE, REPAIR = "export it as a surface with triangles", "repair or export the mesh again"
 #: Colour of labels without a valid colour #rrggbb.
 _NO_COLOR = "#808080"
 
@@ -87,8 +96,10 @@ class RawMap:
             from_one = self.last == n_vertices and self.rows.min() > 0
             remedy = "subtract 1 if it counts from 1, or " if from_one else ""
             raise InputError(
+                "vertex-out-of-range",
                 f"Map {name!r} names vertex {self.last:,}, and the mesh has {n_vertices:,}"
-                f" vertices, counted from 0: {remedy}give the one that was made for this surface."
+                " vertices, counted from 0",
+                f"{remedy}give the one that was made for this surface",
             )
         values, labels = self.values, self.labels
         if self.rows is not None:
@@ -99,7 +110,8 @@ class RawMap:
             labels = (*labels, *numbered_labels(values[others]))
         used = labels if self.keep_unused else labels_in_use(labels, values)
         if labels and not used:
-            raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
+            fault = f"Map {name!r} has no vertex with a label"
+            raise InputError("no-labels", fault, "export it again")
         labels = tuple(
             replace(
                 label,
@@ -121,8 +133,7 @@ def checked_maps(
             found.append(each.checked(n_vertices, path))
         except InputError as fault:
             faults.append(fault)
-            clause = str(fault).removeprefix("Map ").removesuffix(".")
-            clauses.append(f"has a map that is left out: {clause}")
+            clauses.append(f"has a map that is left out: {fault.clause}")
             continue
         keys = {label.key for label in each.labels}
         if more := [label.name for label in found[-1].labels if label.key not in keys]:
@@ -151,11 +162,17 @@ def most_maps(maps: Sequence[RawMap]) -> tuple[tuple[RawMap, ...], tuple[str, ..
     return tuple(maps[:MOST_MAPS]), (remark,) if left > 0 else ()
 
 
+def too_many_maps(count: int) -> InputError:
+    """Return the fault of a file or array with more than `MOST_MAPS` columns."""
+    fault = f"has {count:,} columns, of which {MOST_MAPS} can be taken at most"
+    return InputError("too-many-columns", fault)
+
+
 def vertex_indices(numbers: npt.NDArray[Any]) -> IntArray:
     """Convert corners of faces to integers; `InputError` is raised if one is no whole number."""
     if numbers.dtype.kind == "f":
         if not np.array_equal(numbers, np.floor(numbers)):
-            raise InputError("has a face with a vertex index that is no whole number")
+            raise no_whole_numbers("vertex indices")
         numbers = np.clip(numbers, -1.0, 2.0**53)
     return numbers.astype(np.int64)
 
@@ -266,10 +283,9 @@ class LimitExceeded(InputError):
     """Reading a file takes more time or memory than its size justifies."""
 
     def __init__(self, what: str) -> None:
-        super().__init__(
-            f"{what}, more than expected for a file of its size; if you trust the file, set"
-            f" {RAISE_LIMITS}=10 to allow ten times as much, or export it again."
-        )
+        fault = f"{what}, more than expected for a file of its size"
+        remedy = f"if you trust the file, set {RAISE_LIMITS}=10 to allow ten times as much"
+        super().__init__("beyond-limits", fault, f"{remedy}, or export it again")
 
 
 @dataclass(frozen=True)
@@ -311,8 +327,10 @@ def limit_factor() -> float:
         factor = math.nan
     if not factor > 0.0:
         raise InputError(
-            f"{RAISE_LIMITS} is {text!r}: give the number by which the limits of time and memory"
-            " for reading a file are to be multiplied, or unset it."
+            "out-of-range",
+            f"{RAISE_LIMITS} is {text!r}",
+            "give the number by which the limits of time and memory for reading a file are to be"
+            " multiplied, or unset it",
         )
     return factor
 
@@ -341,10 +359,13 @@ def read_guarded(
     except ChildEnded as fault:
         if fault.killed:
             raise InputError(
+                "child-ended",
                 "was not read, because the system ended the process that reads it: the file is"
-                " damaged, or too little memory is free; close other programs and try again"
+                " damaged, or too little memory is free",
+                "close other programs and try again",
             ) from None
-        raise InputError("is so damaged that the library that reads it crashes") from None
+        what = "is so damaged that the library that reads it crashes"
+        raise InputError("child-ended", what) from None
 
 
 class ReadWatch:
@@ -392,8 +413,7 @@ def convert(reader: str, path: Path, memory: float) -> RawMesh:
     except MemoryError:
         raise
     except Exception as fault:  # noqa: BLE001  reported by the parent
-        said = str(fault) if isinstance(fault, InputError) else str(unreadable(fault))
-        raise InputError(said) from None
+        raise (fault if isinstance(fault, InputError) else unreadable(fault)).of() from None
     finally:
         _watched = False
 
@@ -401,8 +421,9 @@ def convert(reader: str, path: Path, memory: float) -> RawMesh:
 def unreadable(fault: BaseException) -> InputError:
     """Return an `InputError` for an exception of a library or of a failed import."""
     if missing := missing_module(fault):
-        return InputError(f"is read by {not_installed(missing)}")
-    return InputError(f"is not readable ({printable(fault) or type(fault).__name__})")
+        return package_missing("is read by", missing)
+    said = printable(fault) or type(fault).__name__
+    return InputError("not-readable", f"is not readable ({said})")
 
 
 def _refuse_memory_beyond(limit: float) -> None:

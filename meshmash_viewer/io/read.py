@@ -16,7 +16,15 @@ from typing import TypeAlias
 import numpy as np
 
 from meshmash_viewer.arrays import distinct_corners, scaled_vertices
-from meshmash_viewer.errors import InputError, MeshWarning, printable
+from meshmash_viewer.errors import (
+    InputError,
+    MeshWarning,
+    conflicting,
+    cut_short,
+    not_readable,
+    printable,
+    wrong_type,
+)
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.io.formats.brain import (
     FREESURFER_ENDINGS,
@@ -40,6 +48,8 @@ from meshmash_viewer.io.links import (
     read_link,
 )
 from meshmash_viewer.io.raw import (
+    AS_SURFACE,
+    REPAIR,
     LimitExceeded,
     RawMesh,
     ReadLimits,
@@ -48,7 +58,7 @@ from meshmash_viewer.io.raw import (
     read_raw,
     unreadable,
 )
-from meshmash_viewer.io.segments import SegmentFault, read_linked, read_segment
+from meshmash_viewer.io.segments import read_linked, read_segment
 from meshmash_viewer.io.signatures import misnamed
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins
@@ -163,10 +173,7 @@ def read_mesh(
     """
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
     if not isinstance(path, (str, PathLike)):
-        raise InputError(
-            f"read_mesh reads a file, not an object of type {type(path).__name__}: other functions"
-            " take meshes in memory."
-        )
+        raise wrong_type("Names of mesh files", type(path), "a path; other functions take meshes")
     link, ending = _linked(path, segment, lod), LINK_ENDING
     if link is None:
         path = Path(path)
@@ -196,22 +203,18 @@ def read_mesh(
                 maps=tuple(known),
                 structure=raw.structure or structure_of_file(Path(path).name),
             )
-    except (LimitExceeded, SegmentFault) as fault:
-        raise InputError(f"{subject} {fault}") from fault
     except PermissionError as fault:
-        raise _no_permission(Path(path)) from fault
+        raise no_permission(path) from fault
     except MemoryError as fault:
-        raise InputError(
-            f"{subject} needs more memory than this machine has; read it on a larger one or"
-            " reduce the mesh first."
-        ) from fault
+        what = f"{subject} needs more memory than this machine has"
+        remedy = "read it on a larger one or reduce the mesh first"
+        raise InputError("out-of-memory", what, remedy) from fault
     except Cancelled:
         raise
     except Exception as fault:  # libraries raise various types
-        clause = str(fault if isinstance(fault, InputError) else unreadable(fault))
-        other = misnamed(Path(path), ending) if link is None else ""
-        clause = f"{other}." if other else _with_remedy(clause, ending)
-        raise InputError(f"{subject} {clause}") from fault
+        plain = fault if isinstance(fault, InputError) else unreadable(fault)
+        other = misnamed(Path(path), ending) if link is None else None
+        raise (other or plain).of(subject, _remedy(ending)) from fault
     remarks = (*raw.remarks, *unusable)
     if unit is None and raw.unit_remark:
         remarks = (raw.unit_remark, *remarks)
@@ -225,9 +228,9 @@ def _linked(path: str | Path, segment: int | str | None, lod: int | None) -> Mes
     if is_link(path):
         return parse_link(str(path), segment, lod)
     if segment is not None or lod is not None:
-        raise InputError(
-            f"{path} is a file, but segment and level of detail need a link, such as"
-            " precomputed://gs://bucket/layer: give a link, or omit them."
+        raise conflicting(
+            f"{path} is a file, but segment and level of detail need a link",
+            "give a link, such as precomputed://gs://bucket/layer, or omit them",
         )
     return None
 
@@ -264,12 +267,11 @@ def _ending(path: Path) -> str:
         return ".drc"
     if ending not in READABLE_ENDINGS and not freesurfer_kind(path):
         if other := misnamed(path, ending):
-            raise InputError(f"{path} {other}.")
+            raise other.of(path)
         known = " ".join(key for key in READERS if key not in FREESURFER_ENDINGS)
-        raise InputError(
-            f"{path} has an ending ({printable(ending, 40) or 'none'}) of no known mesh format;"
-            f" convert it to one of {known}, or a FreeSurfer surface such as lh.pial."
-        )
+        fault = f"{path} has an ending ({printable(ending, 40) or 'none'}) of no known mesh format"
+        remedy = f"convert it to one of {known}, or a FreeSurfer surface such as lh.pial"
+        raise InputError("unknown-ending", fault, remedy)
     return ending
 
 
@@ -277,82 +279,62 @@ def check_file(path: Path) -> None:
     """Raise `InputError`, with the file's name, unless a path is a regular, readable file."""
     try:
         if not path.exists():
-            raise InputError(f"{path} does not exist; check the spelling of its name and folder.")
+            what = f"{path} does not exist"
+            raise InputError("file-not-found", what, "check the spelling of its name and folder")
         if path.is_dir():
-            raise InputError(f"{path} is a folder; name a mesh file in it.")
+            raise InputError("not-a-file", f"{path} is a folder", "name a mesh file in it")
         if not path.is_file():
-            raise InputError(f"{path} is not a regular file; name a mesh file.")
+            raise InputError("not-a-file", f"{path} is not a regular file", "name a mesh file")
         if path.stat().st_size == 0:
-            raise InputError(f"{path} is empty; copy or export it again.")
+            raise InputError("file-empty", f"{path} is empty", "copy or export it again")
         with path.open("rb"):
             pass
     except PermissionError as fault:
-        raise _no_permission(path) from fault
+        raise no_permission(path) from fault
     except OSError as fault:
-        raise InputError(
-            f"{path} cannot be opened ({fault.strerror}); check the disk, or copy it elsewhere."
-        ) from fault
+        raise not_readable(path, fault) from fault
 
 
-def _no_permission(path: Path) -> InputError:
-    return InputError(
-        f"{path} cannot be read: give yourself read permission, or copy it elsewhere."
-    )
+def no_permission(path: object) -> InputError:
+    """Return the fault of a file that may not be read."""
+    remedy = "give yourself read permission, or copy it elsewhere"
+    return InputError("no-permission", f"{path} cannot be read", remedy)
 
 
 def _check_content(raw: RawMesh) -> None:
     n = len(raw.vertices)
     if not n:
-        raise InputError("holds no vertices")
+        raise InputError("no-vertices", "holds no vertices")
     if not len(raw.faces):
-        raise InputError("has no faces, so it is a point cloud or a drawing")
+        fault = "has no faces, so it is a point cloud or a drawing"
+        raise InputError("no-faces", fault, AS_SURFACE)
     wrong = np.flatnonzero((raw.faces < 0) | (raw.faces >= n)) // 3
     if len(wrong):
-        if raw.faces.min() == 1 and raw.faces.max() == n:
-            raise InputError(f"has faces with the indices 1 to {n}, and indices begin at 0")
         face = int(wrong[0])
         index = next(int(i) for i in raw.faces[face] if not 0 <= i < n)
-        raise InputError(
+        fault = (
             f"has {counted(len(np.unique(wrong)), 'face')} with a vertex index out of range, the"
             f" first being face {face} with index {index} of {n} vertices, all counted from 0"
         )
+        from_one = raw.faces.min() == 1 and raw.faces.max() == n
+        remedy = "subtract 1 from the faces" if from_one else REPAIR
+        raise InputError("vertex-out-of-range", fault, remedy)
     broken = np.flatnonzero(~np.isfinite(raw.vertices).all(axis=1))
     if len(broken):
-        raise InputError(
+        fault = (
             f"has {counted(len(broken), 'vertex')} with a coordinate that is not finite, the"
             f" first being vertex {broken[0]}, counted from 0"
         )
+        raise InputError("not-finite", fault, REPAIR)
     if not distinct_corners(raw.faces).any():
-        raise InputError("has no triangle with three different corners")
+        raise InputError("no-faces", "has no triangle with three different corners", REPAIR)
 
 
-def _with_remedy(fault: str, ending: str) -> str:
-    """Return the clause of a reader with a remedy; messages of `Mesh` already contain one."""
-    if "not installed" in fault:
-        return f"{fault}."
-    if fault.endswith("."):
-        return f"is no usable mesh: {fault[0].lower()}{fault[1:]}"
+def _remedy(ending: str) -> str:
+    """Return the remedy of faults that have none of their own."""
     if ending == LINK_ENDING:
-        return f"{fault}; look at it in Neuroglancer, or open another segment."
-    kind = _kind(ending.removesuffix(".gz"))
-    remedies = (remedy for part, remedy in _REMEDIES.items() if part in fault)
-    return f"{fault}; {next(remedies, f'check that it is {kind}, or export it again')}."
-
-
-#: Remedies for faults, by a part of their clause.
-_REMEDIES = {
-    "point cloud": "export it as a surface with triangles",
-    "indices begin at 0": "subtract 1 from the faces",
-    "out of range": "repair or export the mesh again",
-    "finite": "repair or export the mesh again",
-    "three different corners": "repair or export the mesh again",
-    "cut short": "copy or export it again",
-    "holds meshes in": "write each mesh to a file of its own",
-    "Python objects": "save it with a type of numbers",
-    "decimal comma": "write decimals with a point",
-    "no surface": "open the surface that it belongs to, and this file as a map of it",
-    "cannot be unpacked into": "check that folder and its free space, or unpack the file yourself",
-}
+        return "look at it in Neuroglancer, or open another segment"
+    return f"check that it is {_kind(ending.removesuffix('.gz'))}, or export it again"
 
 
 def _kind(ending: str) -> str:
@@ -385,15 +367,16 @@ def unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None]
                         raise LimitExceeded(f"unpacks to more than {most / 1e6:.0f} MB")
                     unpacked.write(block)
         except EOFError as fault:
-            raise InputError("cannot be unpacked because it ends too early") from fault
+            raise cut_short("ends before its content is unpacked") from fault
         except (gzip.BadGzipFile, zlib.error) as fault:
-            raise InputError("cannot be unpacked because it is no gzip file, or damaged") from fault
+            what = "cannot be unpacked because it is no gzip file, or damaged"
+            raise InputError("wrong-format", what, "copy or export it again") from fault
         except OSError as fault:
-            raise InputError(
-                f"cannot be unpacked into {plain.parent.parent} ({fault.strerror})"
-            ) from fault
+            what = f"cannot be unpacked into {plain.parent.parent} ({fault.strerror})"
+            remedy = "check that folder and its free space, or unpack the file yourself"
+            raise InputError("not-writable", what, remedy) from fault
         if size == 0:
-            raise InputError("is empty once unpacked")
+            raise InputError("file-empty", "is empty once unpacked", "copy or export it again")
         if (about := path.with_name(plain.name + ".json")).is_file():  # provenance of a table
             shutil.copy(about, plain.with_name(about.name))
         yield plain, ReadLimits.if_needed(packed_size, size)

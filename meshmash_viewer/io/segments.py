@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from urllib.request import getproxies
 
 from meshmash_viewer.arrays import blocks
-from meshmash_viewer.errors import InputError, not_installed, printable
+from meshmash_viewer.errors import InputError, package_missing, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.io.links import MeshLink, read_link
 from meshmash_viewer.io.raw import (
@@ -45,28 +45,33 @@ _AT_ONCE = 64
 _SILENCE, _ANSWER = 300.0, 8.0
 #: HTTP status codes for missing credentials.
 _REFUSED = (401, 403)
-_MISSING = "has no mesh; check the id, or open another segment."
-_ONE_LEVEL = "has one level of detail; leave it out, or give 0."
+#: Faults of segments.
+_MISSING = "segment-not-found", "has no mesh", "check the id, or open another segment"
+_ONE_LEVEL = "no-such-level", "has one level of detail", "leave it out, or give 0"
+_NO_LAYER = "no-layer", "belongs to no layer", "check the link, whose folder has no file info"
+#: Remedy of fragments that are missing or broken.
+_REPORT = "report it to those who host the layer, or open another segment"
 #: Hosts of the cloud storages.
 _HOSTS = {"gs": "storage.googleapis.com", "s3": "s3.amazonaws.com"}
-#: Parts of the names of exceptions of cloud libraries, and the clauses that explain them.
+#: Parts of the names of exceptions of cloud libraries, and the faults that explain them.
 _FAULTS = {
     ("Credential", "Authenti", "Forbidden", "Unauthorized", "Permission", "RefreshError"): (
-        "may not be read with your permissions or credentials; give cloud-volume those that it"
-        " needs in ~/.cloudvolume/secrets, or open a public layer."
+        "no-permission",
+        "may not be read with your permissions or credentials",
+        "give cloud-volume those that it needs in ~/.cloudvolume/secrets, or open a public layer",
     ),
-    ("InfoUnavailable",): "belongs to no layer; check the link, whose folder has no file info.",
+    ("InfoUnavailable",): _NO_LAYER,
     ("MeshDecode", "FileType", "Decompress", "Decoding"): (
-        "has a broken fragment; report it to those who host the layer, or open another segment."
+        "file-damaged",
+        "has a broken fragment",
+        _REPORT,
     ),
     ("Connect", "Timeout", "gaierror", "NameResolution", "Transport"): (
-        "cannot be reached; check the network, a proxy, and the link."
+        "not-reached",
+        "cannot be reached",
+        "check the network, a proxy, and the link",
     ),
 }
-
-
-class SegmentFault(InputError):
-    """Error of reading a segment; the message is a clause with a remedy and a full stop."""
 
 
 def read_linked(path: Path) -> RawMesh:
@@ -81,10 +86,10 @@ def read_segment(
 ) -> RawMesh:
     """Read the mesh of a segment, in nm.
 
-    `SegmentFault` is raised if it cannot be read, and `Cancelled` if `cancel` returns True.
+    `InputError` is raised if it cannot be read, and `Cancelled` if `cancel` returns True.
     """
     if importlib.util.find_spec("cloudvolume") is None:
-        raise SegmentFault(f"is read by {not_installed('cloudvolume', 'neuro')}.")
+        raise package_missing("is read by", "cloudvolume", "neuro")
     remove_abandoned()
     with TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as folder:
         notes = Path(folder, "notes")
@@ -94,10 +99,8 @@ def read_segment(
         try:
             return call_in_child(fetch, link, notes, look=look, env=env)
         except ChildEnded:
-            raise SegmentFault(
-                "has a fragment so broken that the library that reads it ends on it; open another"
-                " segment."
-            ) from None
+            fault = "has a fragment so broken that the library that reads it ends on it"
+            raise InputError("child-ended", fault, "open another segment") from None
 
 
 def _follower(
@@ -120,7 +123,8 @@ def _follower(
         if last != (note, int(seconds)):
             last, since = (note, int(seconds)), time.monotonic()
         elif time.monotonic() - since > _SILENCE:
-            raise SegmentFault(f"sends nothing for {_SILENCE:.0f} seconds; try it later.")
+            fault = f"sends nothing for {_SILENCE:.0f} seconds"
+            raise InputError("not-reached", fault, "try it later")
         if memory > (limit := ReadLimits.of(round(n_vertices * _BYTES)).memory):
             raise LimitExceeded(f"takes more than {limit / 1e6:.0f} MB of memory to read")
 
@@ -147,7 +151,7 @@ def fetch(link: MeshLink, notes: Path) -> RawMesh:
         raise _explained(fault) from None
 
 
-def _explained(fault: Exception) -> SegmentFault:
+def _explained(fault: Exception) -> InputError:
     """Explain an exception of a cloud library without its text, which may contain a secret."""
     seen: list[BaseException] = [fault]
     while (cause := seen[-1].__cause__ or seen[-1].__context__) and cause not in seen:
@@ -157,21 +161,22 @@ def _explained(fault: Exception) -> SegmentFault:
         status = getattr(response, "status_code", getattr(each, "code", None))
         names = " ".join(kind.__name__ for kind in type(each).__mro__)
         names += " Forbidden" if status in _REFUSED else ""
-        for parts, clause in _FAULTS.items():
+        for parts, explained in _FAULTS.items():
             if any(part in names for part in parts):
-                return SegmentFault(clause)
+                return InputError(*explained)
         if status in (400, 404):
-            return SegmentFault(_MISSING)
-    name = type(fault).__name__
-    return SegmentFault(f"cannot be read ({name}); check the link, and open it in Neuroglancer.")
+            return InputError(*_MISSING)
+    said = f"cannot be read ({type(fault).__name__})"
+    return InputError("not-readable", said, "check the link, and open it in Neuroglancer")
 
 
 def _check_place(source: str) -> None:
-    """Raise `SegmentFault` if the server is unreachable, as libraries would retry for minutes."""
+    """Raise `InputError` if the server is unreachable, as libraries would retry for minutes."""
     protocol, _, rest = source.partition("://")[2].partition("://")
     if protocol == "file":
         if os.name == "posix" and not os.path.isdir(rest):
-            raise SegmentFault("belongs to no layer; check the link, whose folder does not exist.")
+            remedy = "check the link, whose folder does not exist"
+            raise InputError("no-layer", "belongs to no layer", remedy)
         return
     if {"http", "https", "all"} & set(getproxies()):
         return  # the proxy resolves the host
@@ -180,9 +185,8 @@ def _check_place(source: str) -> None:
     try:
         socket.create_connection((host, port), _ANSWER).close()
     except OSError:
-        raise SegmentFault(
-            f"cannot be reached, as {host} does not answer; check the network and the link."
-        ) from None
+        fault = f"cannot be reached, as {host} does not answer"
+        raise InputError("not-reached", fault, "check the network and the link") from None
 
 
 def _read(link: MeshLink, note: _Note) -> RawMesh:
@@ -210,7 +214,7 @@ def _read(link: MeshLink, note: _Note) -> RawMesh:
 def _is_mesh_folder(place: str) -> bool:
     """Return whether a place is a folder of meshes; False for a layer with meshes.
 
-    `SegmentFault` is raised if it is neither.
+    `InputError` is raised if it is neither.
     """
     import requests
     from cloudfiles import CloudFiles
@@ -221,19 +225,20 @@ def _is_mesh_folder(place: str) -> bool:
         if answer.status_code in _REFUSED:
             answer.raise_for_status()
     if not isinstance(info, dict):
-        raise SegmentFault("belongs to no layer; check the link, whose folder has no file info.")
+        raise InputError(*_NO_LAYER)
     if info.get("@type") in ("neuroglancer_legacy_mesh", "neuroglancer_multilod_draco"):
         if not place.partition("://")[2].strip("/").count("/"):
-            raise SegmentFault(
+            raise InputError(
+                "no-layer",
                 "is a folder of meshes at the top of its server or bucket, which cloud-volume"
-                " cannot read; give the link of the layer whose info names this folder as its mesh."
+                " cannot read",
+                "give the link of the layer whose info names this folder as its mesh",
             )
         return True
     if not info.get("mesh"):
-        raise SegmentFault(
-            "belongs to a layer without meshes (its info names no folder of them); take a layer of"
-            " segments that Neuroglancer shows in 3D."
-        )
+        fault = "belongs to a layer without meshes (its info names no folder of them)"
+        remedy = "take a layer of segments that Neuroglancer shows in 3D"
+        raise InputError("no-meshes", fault, remedy)
     return False
 
 
@@ -248,17 +253,17 @@ def _of_fragments(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     from cloudvolume.datasource.precomputed.mesh.common import apply_transform
 
     if link.lod:
-        raise SegmentFault(_ONE_LEVEL)
+        raise InputError(*_ONE_LEVEL)
     folder = CloudFiles(source.meta.layerpath, progress=False)
     manifest = folder.get_json(f"{link.segment}:0")
     if manifest is None:
-        raise SegmentFault(_MISSING)
+        raise InputError(*_MISSING)
     names = sorted(set(manifest["fragments"]))
     sizes = folder.size(names)
     lacking = [name for name in names if sizes[name] is None]
     if lacking or not names:
         what = f"lacks {counted(len(lacking), 'fragment')}" if lacking else "lists no fragments"
-        raise SegmentFault(f"{what}; report it to those who host the layer.")
+        raise InputError("missing-data", what, _REPORT)
     total, done, n_vertices, meshes = sum(sizes.values()), 0, 0, []
     # the first fragment is downloaded alone, to estimate the number of vertices of all
     for batch in (names[:1], *(names[part] for part in blocks(len(names), _AT_ONCE, 1))):
@@ -283,10 +288,8 @@ def _decoded(kind: Any, name: str, content: bytes) -> Any:
         if len(mesh.faces) and int(mesh.faces.max()) >= len(mesh.vertices):
             raise ValueError
     except Exception:  # noqa: BLE001  decoders raise various types
-        raise SegmentFault(
-            f"has a broken fragment, {printable(name, 80)}; report it to those who host the layer,"
-            " or open another segment."
-        ) from None
+        fault = f"has a broken fragment, {printable(name, 80)}"
+        raise InputError("file-damaged", fault, _REPORT) from None
     return mesh
 
 
@@ -294,11 +297,13 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     """Read a level of detail of a multi-resolution mesh; return it and its number of fragments."""
     manifest = source.get_manifest(link.segment)
     if manifest is None:
-        raise SegmentFault(_MISSING)
+        raise InputError(*_MISSING)
     n_levels, lod = manifest.num_lods, link.lod or 0
     if lod >= n_levels:
-        several = f"has the levels of detail 0 to {n_levels - 1}; give one of these."
-        raise SegmentFault(_ONE_LEVEL if n_levels == 1 else several)
+        if n_levels == 1:
+            raise InputError(*_ONE_LEVEL)
+        several = f"has the levels of detail 0 to {n_levels - 1}"
+        raise InputError("no-such-level", several, "give one of these")
     sizes = [int(each.sum()) for each in manifest.fragment_offsets]
     n_vertices = sizes[lod] / _PACKED_BYTES
     if link.lod is None and n_vertices > MOST_VERTICES * limit_factor():
@@ -310,26 +315,27 @@ def _of_levels(source: Any, link: MeshLink, note: _Note) -> tuple[Any, int]:
     note(0.1, n_vertices)
     found = source.get(link.segment, lod=lod)
     if link.segment not in found:
-        raise SegmentFault(f"has nothing at level of detail {lod}; give another one.")
+        fault = f"has nothing at level of detail {lod}"
+        raise InputError("no-such-level", fault, "give another one")
     return found[link.segment], len(manifest.fragment_offsets[lod])
 
 
 def _check_size(expected: Sequence[float]) -> None:
-    """Raise `SegmentFault`, with a level that fits, if the first level has too many vertices."""
+    """Raise `InputError`, with a level that fits, if the first level has too many vertices."""
     most = MOST_VERTICES * limit_factor()
     said = f"has about {_millions(expected[0])}, more than the {_millions(most)} that are read"
     fitting = next((lod for lod, n in enumerate(expected) if n <= most), None)
     if fitting == 0:
         return
     if fitting is not None:
-        raise SegmentFault(
-            f"{said} unasked; take level of detail {fitting} with about"
-            f" {_millions(expected[fitting])} (--lod {fitting}, or lod={fitting})."
+        size = _millions(expected[fitting])
+        raise InputError(
+            "too-large",
+            f"{said} unasked",
+            f"take level of detail {fitting} with about {size} (--lod {fitting}, or lod={fitting})",
         )
-    raise SegmentFault(
-        f"{said}, and no coarser level of detail; where that fits into memory, set"
-        f" {RAISE_LIMITS}={math.ceil(expected[0] / most)}."
-    )
+    remedy = f"where that fits into memory, set {RAISE_LIMITS}={math.ceil(expected[0] / most)}"
+    raise InputError("too-large", f"{said}, and no coarser level of detail", remedy)
 
 
 def _millions(n: float) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from msgspec import Meta
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, not_readable
 from meshmash_viewer.fields.parameter import (
     MOST_INDEX,
     CheckedText,
@@ -179,23 +179,20 @@ def _read_content(path: Path) -> tuple[dict[str, Any], int]:
         with path.open("rb") as file:
             text = file.read(_LARGEST + 1)
     except OSError as fault:
-        raise InputError(
-            f"{path} cannot be read ({fault.strerror}); check its name and permission."
-        ) from fault
+        raise not_readable(path, fault) from fault
     if len(text) > _LARGEST:
-        raise InputError(f"{path} is too large for a session; open another file.")
+        raise InputError("too-large", f"{path} is too large for a session", "open another file")
     try:
         content = json.loads(text, parse_float=_number)
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
-        raise InputError(f"{path} is not a session of this program; open another file.")
+        what = f"{path} is not a session of this program"
+        raise InputError("wrong-format", what, "open another file")
     version = content.pop("version", None)
     if version not in (_VERSION, _WITHOUT_REPAIRS):
-        raise InputError(
-            f"{path} is a session of version {version}, and this program knows {_VERSION};"
-            " open it with the program that wrote it."
-        )
+        what = f"{path} is a session of version {version}, and this program knows {_VERSION}"
+        raise InputError("wrong-version", what, "open it with the program that wrote it")
     return content, version
 
 
@@ -257,7 +254,7 @@ def unpacked_mask(text: str, n: int) -> npt.NDArray[np.bool_] | None:
     except (ValueError, zlib.error):
         bits = b""
     if len(bits) != size:
-        raise InputError(f"vertices of a mesh that does not have {n:,} vertices")
+        raise InputError("other-mesh", f"vertices of a mesh that does not have {n:,} vertices")
     return np.unpackbits(np.frombuffer(bits, np.uint8), count=n).astype(np.bool_)
 
 
@@ -312,4 +309,4 @@ def read_kept_maps(path: Path) -> KeptMaps:
             )
             return KeptMaps(maps, str(about["mesh"]), tuple(about.get("edited", ())))
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as fault:
-        raise InputError(f"{path.name} cannot be read: {fault}") from fault
+        raise InputError("not-readable", f"{path.name} cannot be read ({fault})") from fault

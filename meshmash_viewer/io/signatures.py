@@ -8,6 +8,8 @@ import re
 import zlib
 from pathlib import Path
 
+from meshmash_viewer.errors import InputError
+
 #: Number of bytes that are compared.
 _BEGINNING = 2_000
 _OF_ONE_SURFACE = "write the values of one surface as GIFTI, with wb_command -cifti-separate"
@@ -18,7 +20,7 @@ _ON_SURFACE = (
 _WITH_PYBICPL = "convert it to a Wavefront OBJ with obj_mni2wf of the Python package pybicpl"
 _BY_LINK = "open a segment by its link, such as precomputed://file:///folder#segment=123"
 #: Ending of datasets of AFNI, and what to do with them.
-_AFNI = ".dset", "is a dataset of AFNI; write it as GIFTI, with ConvertDset -o_gii"
+_AFNI = ".dset", "is a dataset of AFNI", "write it as GIFTI, with ConvertDset -o_gii"
 #: Pattern of the first bytes, kind of file, and the endings of this kind or a remedy.
 _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
     (rb"ply\s", "a PLY file", (".ply",)),
@@ -48,14 +50,14 @@ _SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...] | str], ...] = (
 )
 
 
-def misnamed(path: Path, ending: str) -> str:
-    """Return a clause with the kind of a file and a remedy if its ending is of another kind.
+def misnamed(path: Path, ending: str) -> InputError | None:
+    """Return the fault of a file whose ending is of another kind than its content.
 
-    `ending` is in lower case. "" is returned if the first bytes, which may be those of the content
-    of a gzip file, match it, or no known kind.
+    `ending` is in lower case. None is returned if the first bytes, unpacked from a gzip file, match
+    it, or no known kind.
     """
     if ending.removesuffix(".gz") == _AFNI[0]:
-        return _AFNI[1]
+        return InputError("wrong-ending", *_AFNI[1:])
     try:
         with path.open("rb") as file:
             is_packed = file.read(2) == b"\x1f\x8b"
@@ -66,9 +68,11 @@ def misnamed(path: Path, ending: str) -> str:
     kinds = (each for each in _SIGNATURES if re.match(each[0], beginning, re.DOTALL))
     _, kind, remedy = next(kinds, (b"", "", ("",)))
     if isinstance(remedy, str):
-        return f"is {kind}; {remedy}"
+        return InputError("wrong-ending", f"is {kind}", remedy)
     if is_packed and not ending.endswith((".gz", ".mgz")):
-        return "is a gzip file by its content; add .gz to its name"
+        fault = "is a gzip file by its content"
+        return InputError("wrong-ending", fault, "add .gz to its name")
     if not kind or (ending.removesuffix(".gz") if is_packed else ending).endswith(remedy):
-        return ""
-    return f"is {kind} by its content; change its ending to {remedy[0]}{'.gz' * is_packed}"
+        return None
+    right = f"change its ending to {remedy[0]}{'.gz' * is_packed}"
+    return InputError("wrong-ending", f"is {kind} by its content", right)

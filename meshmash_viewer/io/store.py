@@ -367,7 +367,8 @@ class EigenpairStore:
         try:
             self._lock.acquire()
         except Timeout:
-            raise StoreBusy("Another process is computing the eigenpairs of this mesh.") from None
+            what = "Another process is computing the eigenpairs of this mesh"
+            raise StoreBusy("store-busy", what) from None
         except OSError as fault:
             raise self._unusable(fault) from fault
 
@@ -396,10 +397,9 @@ class EigenpairStore:
                 part.write_text(json.dumps(self._description, indent=1), encoding="utf-8")
 
     def _unusable(self, fault: OSError) -> StoreUnusable:
-        return StoreUnusable(
-            f"Eigenpairs cannot be stored in the cache folder {self._cache.root}"
-            f" ({(fault.strerror or str(fault)).lower()})."
-        )
+        reason = (fault.strerror or str(fault)).lower()
+        what = f"Eigenpairs cannot be stored in the cache folder {self._cache.root} ({reason})"
+        return StoreUnusable("not-writable", what)
 
     def __enter__(self) -> EigenpairStore:
         return self

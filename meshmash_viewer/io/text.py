@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, printable, wrong_format
 
 #: Byte order marks and their encodings; UTF-32 is first, as its marks begin like those of UTF-16.
 _MARKS = {
@@ -50,7 +50,7 @@ def unmarked(data: bytes) -> bytes:
                 return data[len(mark) :].decode(encoding).encode()
             except UnicodeError:
                 name = encoding[:-3].upper()
-                raise InputError(f"begins as text in {name} and has something else") from None
+                raise wrong_format(f"begins as text in {name} and has something else") from None
     return data
 
 
@@ -66,12 +66,14 @@ class NotANumber(InputError):
 
     def __init__(self, token: str, text: bytes, place: int, kind: str = "number") -> None:
         self.line = text.count(b"\n", 0, place)
-        comma = " with a decimal comma" if re.fullmatch(r"[-+]?\d*,\d+(e[-+]?\d+)?", token) else ""
-        super().__init__(f"holds {token!r}{comma} where a {kind} should be")
+        comma = re.fullmatch(r"[-+]?\d*,\d+(e[-+]?\d+)?", token)
+        said = f"{token!r} with a decimal comma" if comma else repr(token)
+        fault = f"holds {said} where a {kind} should be"
+        super().__init__("not-a-number", fault, "write decimals with a point" if comma else "")
 
     def in_line(self, number: int) -> InputError:
         """Return an error with the number of the line in the file, counted from 1."""
-        return InputError(f"{self}, in line {number}")
+        return InputError("not-a-number", f"{self.fault}, in line {number}", self.remedy)
 
 
 def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], IntArray]:
@@ -132,9 +134,9 @@ class Lines:
         before = self._characters[: self._starts[line]]
         return 1 + int(np.count_nonzero((before == ord("\n")) | (before == ord("\v"))))
 
-    def fault(self, what: str, line: int) -> InputError:
-        """Return an error that names a line."""
-        return InputError(f"{what}, in line {self.number(line)}")
+    def fault(self, what: str, line: int) -> str:
+        """Return a clause that names a line."""
+        return f"{what}, in line {self.number(line)}"
 
     def last(self) -> int:
         """Return the index of the last line that is not empty; -1 if there is none."""
@@ -211,12 +213,14 @@ class CutShort(InputError):
 
     def __init__(self, element: Element, available: int) -> None:
         super().__init__(
+            "file-cut-short",
             f"promises {printable(element.count, 24)} of its element"
-            f" {printable(element.name, 40)!r} but ends after {available}, so it was cut short"
+            f" {printable(element.name, 40)!r} but ends after {available}, so it was cut short",
+            "copy or export it again",
         )
 
 
-class _ShortRow(InputError):
+class _ShortRow(ValueError):
     """A row needs more data than its line has."""
 
 
@@ -242,7 +246,8 @@ def rows_of_text(
     columns, end = take_rows(elements, data)
     if more := (len(data) - end) // _NUMBER.itemsize:
         raise InputError(
-            f"holds {more:,} {'numbers' if more > 1 else 'number'} more than its header describes"
+            "counts-differ",
+            f"holds {more:,} {'numbers' if more > 1 else 'number'} more than its header describes",
         )
     return columns
 
@@ -281,8 +286,9 @@ def _rows_by_lines(
         has_list = any(prop.count_type for prop in element.properties)
         if len(more) and not (ragged and has_list) and more.min() != more.max():
             raise InputError(
+                "counts-differ",
                 f"has rows of its element {printable(element.name, 40)!r} with differently many"
-                " numbers more than its header describes"
+                " numbers more than its header describes",
             )
     return columns
 
@@ -296,7 +302,7 @@ def _row_starts(element: Element, data: Bytes, place: int) -> IntArray:
         starts = place + width * np.arange(element.count)
         try:
             _, ends = _layout(element, data, starts, np.full(len(starts), len(data)))
-        except InputError:
+        except ValueError:
             ends = starts
         if np.array_equal(ends, starts + width):
             return starts
@@ -374,4 +380,4 @@ def _at_each_byte(data: Bytes, kind: np.dtype[Any]) -> npt.NDArray[Any]:
 
 
 def _no_length(stated: float) -> InputError:
-    return InputError(f"has a list of {stated:g} entries")
+    return InputError("out-of-range", f"has a list of {stated:g} entries")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, unknown_ending, wrong_type
 from meshmash_viewer.io.atomic import writing_errors, written_together, written_whole
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import WITHOUT_INDEX, WITHOUT_PROVENANCE, FeatureTable, writer_of
@@ -71,15 +71,14 @@ def write_features(
     from meshmash_viewer.features.sums import Features
 
     if not isinstance(features, Features):
-        raise InputError(
-            "Features are written from mv.Features(values, columns), not from"
-            f" {type(features).__name__}."
-        )
+        raise wrong_type("Features", type(features), "mv.Features(values, columns)")
     mesh = as_mesh(mesh)
     if len(features.values) != mesh.n_vertices:
         raise InputError(
-            f"Features of {len(features.values)} rows do not match a mesh of"
-            f" {mesh.n_vertices} vertices: give one row per vertex."
+            "other-mesh",
+            f"Features of {len(features.values)} rows do not match a mesh of {mesh.n_vertices}"
+            " vertices",
+            "give one row per vertex",
         )
     values = np.zeros(0) if eigenvalues is None else np.asarray(eigenvalues, dtype=np.float64)
     archive = {
@@ -195,7 +194,7 @@ def write_picture(
 
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise InputError(f"{path} is not the name of a picture; give it the ending .png.")
+        raise unknown_ending(path, [".png"])
     about = PngInfo()
     about.add_text("Software", "meshmash-viewer")
     with writing_errors(path), written_whole(path) as part:
@@ -338,10 +337,8 @@ def to_napari(
     known = field if isinstance(field, VertexMap) else None
     values = np.array(field if known is None else known.values, dtype=np.float64)
     if values.shape != (mesh.n_vertices,):
-        raise InputError(
-            f"A field of shape {values.shape} does not go with {mesh.n_vertices:,} vertices: give"
-            " one value for each."
-        )
+        fault = f"A field of shape {values.shape} does not go with {mesh.n_vertices:,} vertices"
+        raise InputError("wrong-shape", fault, "give one value for each")
     if known is not None and known.labels:
         options["metadata"]["labels"] = {label.key: label.name for label in known.labels}
         options["vertex_colors"] = _napari_colors(known)

@@ -104,13 +104,12 @@ def write_labels(
 def _check_labels(known: VertexMap) -> None:
     """Raise `InputError` for labels that cannot be written."""
     if not known.labels:
-        raise InputError(
-            f"Map {known.name!r} has no labels: give it some, as VertexMap(name, values, labels)."
-        )
+        fault = f"Map {known.name!r} has no labels"
+        raise InputError("no-labels", fault, "give it some, as VertexMap(name, values, labels)")
     for label in known.labels:
         if not -(2**31) <= label.key < 2**31:
-            raise InputError(f"Label {label.name!r} has number {label.key}: give a smaller one.")
+            fault = f"Label {label.name!r} has number {label.key}"
+            raise InputError("out-of-range", fault, "give a smaller one")
         if not COLOR.fullmatch(label.color):
-            raise InputError(
-                f"Label {label.name!r} has the colour {label.color!r}: write it as #rrggbb."
-            )
+            fault = f"Label {label.name!r} has the colour {label.color!r}"
+            raise InputError("wrong-color", fault, "write it as #rrggbb")

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, not_installed
+from meshmash_viewer.errors import InputError, package_missing, unknown_ending
 from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import comment_lines, property_names
 from meshmash_viewer.mesh import Mesh, mesh_to_poly
@@ -222,10 +222,9 @@ def _one_label(path: Path, table: FeatureTable) -> None:
     """Write the vertices of a single label, with their positions in mm, as text."""
     used = labels_in_use(table.labels, table.values)
     if len(used) != 1:
-        raise InputError(
-            f"{path} can hold one label, and {table.columns[0]!r} has {len(used)} with vertices:"
-            " write .annot or .label.gii, or give one label alone."
-        )
+        fault = f"{path} can hold one label, and {table.columns[0]!r} has {len(used)} with vertices"
+        remedy = "write .annot or .label.gii, or give one label alone"
+        raise InputError("several-labels", fault, remedy)
     inside = np.flatnonzero(table.values[:, 0] == used[0].key)
     points = table.mesh.on_file(table.mesh.vertices)[inside]
     rows = np.column_stack([inside, points * _MILLIMETRES.get(table.mesh.unit, 1.0)])
@@ -330,17 +329,13 @@ def writer_of(kind: str, path: Path) -> Any:
     plural, table = _KINDS[kind]
     name = path.name.lower()
     if table is WRITERS and name.endswith(_NO_FEATURES):
-        raise InputError(
-            f"{path} has the name of a surface or of labels, and {plural} are neither: give it the"
-            " ending .func.gii or .shape.gii."
-        )
+        fault = f"{path} has the name of a surface or of labels, and {plural} are neither"
+        raise InputError("unknown-ending", fault, "give it the ending .func.gii or .shape.gii")
     for ending in table:
         if name.endswith(ending) and len(name) > len(ending):
             needed = _NEEDED.get(ending[ending.rindex(".") :])
             writer = table[ending]
             if writer is not None and needed and find_spec(needed) is None:
-                raise InputError(f"{path} is written by {not_installed(needed)}.")
+                raise package_missing(f"{path} is written by", needed)
             return writer.load() if isinstance(writer, PlugIn) else writer
-    raise InputError(
-        f"{path} has no ending in which {plural} can be written; give it one of {' '.join(table)}."
-    )
+    raise unknown_ending(path, table)

@@ -111,17 +111,18 @@ class CondensedHKS(NamedTuple):
 def _task_of(given: Mapping[str, Any]) -> PieceFeatures:
     """Check the arguments of `compute_hks`, and return its computation on a piece."""
     if unknown := [name for name in given if name not in _ARGUMENTS]:
-        raise InputError(
-            f"compute_hks_kwargs has {', '.join(unknown)}: give only {', '.join(_ARGUMENTS)}."
-        )
+        fault = f"compute_hks_kwargs has {', '.join(unknown)}"
+        raise InputError("unknown-name", fault, f"give only {', '.join(_ARGUMENTS)}")
     t_min, t_max = given["t_min"], given["t_max"]
     if t_min is None or t_max is None:
-        raise InputError("t_min and t_max are of all pieces, which share no spectrum: give both.")
+        fault = "t_min and t_max are of all pieces, which share no spectrum"
+        raise InputError("missing-argument", fault, "give both")
     check_times(t_min, t_max)
     count = whole_number(given["n_components"], "n_components", MOST_FILTERS)
     top = given["max_eigenvalue"]
     if not 0.0 < top < math.inf:
-        raise InputError(f"max_eigenvalue is {top!r}: give a positive one, per nm².")
+        fault = f"max_eigenvalue is {top!r}"
+        raise InputError("out-of-range", fault, "give a positive one, per nm²")
     bank = heat_kernel_bank(np.geomspace(t_min, t_max, count))
     bank = replace(bank, columns=tuple(f"hks_{at}" for at in range(count)))
     operator = OperatorOptions(bool(given["robust"]), given["mollify_factor"])
@@ -210,7 +211,8 @@ def condensed_hks_pipeline(
     """
     require("fast_simplification", "sklearn", "pandas")
     if not distance_threshold > 0.0:
-        raise InputError(f"distance_threshold is {distance_threshold!r}: give a positive one.")
+        fault = f"distance_threshold is {distance_threshold!r}"
+        raise InputError("out-of-range", fault, "give a positive one")
     task = _task_of({
         "n_components": n_components, "t_min": t_min, "t_max": t_max,
         "max_eigenvalue": max_eigenvalue, "robust": robust, "mollify_factor": mollify_factor,

@@ -97,8 +97,10 @@ def overlapping_pieces(
     if whole and degrees.max(initial=0) + 1 > size:
         vertex = int(degrees.argmax())
         raise InputError(
-            f"Vertex {vertex} has {degrees[vertex]} neighbours, so no piece of {size} vertices "
-            f"can hold it: give a max_vertex_threshold above {degrees[vertex]}."
+            "piece-too-small",
+            f"Vertex {vertex} has {degrees[vertex]} neighbours, so no piece of {size} vertices can"
+            " hold it",
+            f"give a max_vertex_threshold above {degrees[vertex]}",
         )
     components = [members for (members,) in value_indices(labels, ignore_value=-1).values()]
     pieces = _grouped([each for each in components if len(each) <= size], size)

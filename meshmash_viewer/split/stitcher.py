@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, TruncationWarning, of_mesh
+from meshmash_viewer.errors import InputError, TruncationWarning, conflicting, of_mesh, wrong_type
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressBar, ProgressCallback
 from meshmash_viewer.split.partition import (
@@ -81,9 +81,10 @@ class MeshStitcher(Sequence[Piece]):
         self, mesh: MeshLike, n_jobs: int | None = -1, verbose: int = False, *, client: Any = None
     ) -> None:
         if isinstance(n_jobs, bool):
-            raise InputError(f"n_jobs={n_jobs} is not a number: give verbose by its name.")
+            fault = f"n_jobs={n_jobs} is not a number"
+            raise InputError("wrong-type", fault, "give verbose by its name")
         if n_jobs == 0:
-            raise InputError("n_jobs must not be 0: give 1, or -1 for all cores.")
+            raise InputError("out-of-range", "n_jobs must not be 0", "give 1, or -1 for all cores")
         self.mesh: Mesh = as_mesh(mesh)
         self.n_jobs = n_jobs
         self.verbose = verbose
@@ -159,18 +160,14 @@ class MeshStitcher(Sequence[Piece]):
         mesh = self.mesh
         threshold = mesh.n_vertices if max_vertex_threshold is None else int(max_vertex_threshold)
         if threshold < 3:
-            raise InputError(
-                f"max_vertex_threshold={max_vertex_threshold} is less than a triangle has: "
-                "give some thousands."
-            )
+            fault = f"max_vertex_threshold={max_vertex_threshold} is less than a triangle has"
+            raise InputError("piece-too-small", fault, "give some thousands")
         widths = {"overlap_distance": overlap_distance, "t_max": t_max, "overlap": overlap}
         widths = {name: width for name, width in widths.items() if width is not None}
         _check_width(widths)
         if max_overlap_neighbors is not None and widths.keys() <= {"overlap"}:
-            raise InputError(
-                "max_overlap_neighbors limits an overlap of a given width: give overlap_distance"
-                " or t_max with it."
-            )
+            fault = "max_overlap_neighbors limits an overlap of a given width"
+            raise InputError("missing-argument", fault, "give overlap_distance or t_max with it")
         self._open = None if widths else {
             "max_vertex_threshold": max_vertex_threshold,
             "min_vertex_threshold": min_vertex_threshold,
@@ -182,8 +179,10 @@ class MeshStitcher(Sequence[Piece]):
             labels = np.where(kept[labels], labels, -1)
             if (labels < 0).all():
                 raise InputError(
-                    f"min_vertex_threshold={min_vertex_threshold} leaves nothing: the largest"
-                    f" component has {counted(int(sizes.max()), 'vertex')}."
+                    "no-components",
+                    f"min_vertex_threshold={min_vertex_threshold} leaves nothing, as the largest"
+                    f" component has {counted(int(sizes.max()), 'vertex')}",
+                    "give a smaller one",
                 )
             labels = np.unique(labels, return_inverse=True)[1] - int((labels < 0).any())
         graph = edge_graph(mesh)
@@ -257,9 +256,8 @@ class MeshStitcher(Sequence[Piece]):
         the ratio of the areas. The filter is then called with the eigenvalue zero too.
         """
         if not isinstance(stitch, bool):
-            raise InputError(
-                f"stitch={stitch!r} is neither True nor False: give arguments of the function by"
-                " their names."
+            raise wrong_type(
+                "Values of stitch", type(stitch), "a bool, and arguments by their names"
             )
         self._split_for(arguments)
         checked = stitch and arguments.get("t_max") is not None and len(self) > 1
@@ -292,10 +290,8 @@ class MeshStitcher(Sequence[Piece]):
         """
         rows = np.asarray(features)
         if rows.ndim == 0 or len(rows) != self.mesh.n_vertices:
-            raise InputError(
-                f"Features of shape {rows.shape} do not match {self.mesh.n_vertices:,} vertices:"
-                " give a row for each."
-            )
+            fault = f"Features of shape {rows.shape} do not match {self.mesh.n_vertices:,} vertices"
+            raise InputError("wrong-shape", fault, "give a row for each")
         return self._gathered(
             function, arguments, stitch, fill_value, rows=rows, progress=progress, cancel=cancel
         )
@@ -322,7 +318,8 @@ class MeshStitcher(Sequence[Piece]):
         if vertices.dtype == np.bool_ and vertices.shape == (n,):
             vertices = np.flatnonzero(vertices)
         if vertices.dtype.kind not in "iu" or not ((vertices >= 0) & (vertices < n)).all():
-            raise InputError(f"indices are of vertices: give whole numbers from 0 to {n - 1}.")
+            fault = "indices are of vertices"
+            raise InputError("vertex-out-of-range", fault, f"give whole numbers from 0 to {n - 1}")
         values: npt.NDArray[Any] = self._gathered(
             function, arguments, True, fill_value,
             vertices=vertices, progress=progress, cancel=cancel,
@@ -373,7 +370,8 @@ class MeshStitcher(Sequence[Piece]):
         numbers = np.unique(owners[owners >= 0]).tolist()
         if vertices is not None and not numbers:
             raise InputError(
-                "The vertices are in no piece: no face uses them, or they are in small components."
+                "vertex-unused",
+                "The vertices are in no piece: no face uses them, or they are in small components",
             )
 
         def call(number: int) -> tuple[str, tuple[Any, ...]]:
@@ -403,10 +401,9 @@ class MeshStitcher(Sequence[Piece]):
         not agree. Vertices without a value get `fill_value`.
         """
         if len(features_by_submesh) != len(self):
-            raise InputError(
-                f"{len(features_by_submesh)} results do not match {counted(len(self), 'piece')}:"
-                " give one for each, None for pieces without values."
-            )
+            fault = f"{len(features_by_submesh)} results do not match {counted(len(self), 'piece')}"
+            remedy = "give one for each, None for pieces without values"
+            raise InputError("counts-differ", fault, remedy)
         stitching = self.stitching(fill_value)
         for number, result in enumerate(features_by_submesh):
             stitching.add(number, result)
@@ -440,8 +437,9 @@ def reach_of(time: float, graph: Graph) -> float:
 def _check_width(widths: dict[str, Any]) -> None:
     """Raise `InputError` if several widths of the overlap are given, or one is invalid."""
     if len(widths) > 1:
-        raise InputError(f"{' and '.join(widths)} are given: give only one of them.")
+        raise conflicting(f"{' and '.join(widths)} are given", "give only one of them")
     for name, width in widths.items():
         if not (isinstance(width, Real) and 0.0 <= float(width) < math.inf):
             usual = "from 0 to about 0.5" if name == "overlap" else "from 0, in unit of the mesh"
-            raise InputError(f"{name}={width!r} is not a width: give a number {usual}.")
+            fault = f"{name}={width!r} is not a width"
+            raise InputError("out-of-range", fault, f"give a number {usual}")

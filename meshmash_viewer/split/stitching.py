@@ -53,7 +53,7 @@ class Stitched:
     def values(self) -> npt.NDArray[Any]:
         """Return the values of all vertices; vertices without a value get the fill value."""
         if self._whole is None:
-            raise InputError("There is nothing to stitch: no piece has values.")
+            raise InputError("no-values", "There is nothing to stitch: no piece has values")
         if self._known[:-1].all() and self._owners.min() >= 0:
             return self._whole
         dtype, fill = self._whole.dtype, np.min_scalar_type(self._fill)
@@ -68,20 +68,18 @@ class Stitched:
 def _check(array: npt.NDArray[Any], first: npt.NDArray[Any], size: int, name: str) -> None:
     """Raise `InputError` for a result that does not match its piece or the first result."""
     if array.ndim not in (1, 2) or len(array) != size:
-        raise InputError(
-            f"The function returned shape {array.shape} for {name}: to stitch, return shape"
-            f" ({size},) or ({size}, f), or ask for stitch=False."
-        )
+        what = f"The function returned shape {array.shape} for {name}"
+        remedy = f"return ({size},) or ({size}, f) to stitch, or ask for stitch=False"
+        raise InputError("wrong-shape", what, remedy)
     if array.shape[1:] != first.shape[1:]:
         raise InputError(
-            f"The function returned shape {array.shape} for {name} but {first.shape} for the"
-            " first: return the same columns for every piece, or ask for stitch=False."
+            "wrong-shape",
+            f"The function returned shape {array.shape} for {name} but {first.shape} for the first",
+            "return the same columns for every piece, or ask for stitch=False",
         )
     if array.dtype.kind not in "biufc":
-        raise InputError(
-            f"The function returned {array.dtype} for {name}: only numbers can be stitched; ask"
-            " for stitch=False."
-        )
+        fault = f"The function returned {array.dtype} for {name}"
+        raise InputError("wrong-type", fault, "return numbers to stitch, or ask for stitch=False")
 
 
 class Seams:
@@ -216,14 +214,14 @@ def fault_of_task(fault: BaseException) -> BaseException:
     from distributed.scheduler import KilledWorker
 
     if isinstance(fault, KilledWorker):
-        return InputError(
-            "Its worker ended each time that it was tried, as happens where memory runs out: give"
-            " each worker more memory, or compute in pieces."
-        )
+        what = "Its worker ended each time that it was tried, as happens where memory runs out"
+        return InputError("worker-lost", what, "give each worker more memory, or compute in pieces")
     if isinstance(fault, CancelledError):
-        return InputError("The connection to the scheduler was lost: start it, and this again.")
+        what = "The connection to the scheduler was lost"
+        return InputError("worker-lost", what, "start it, and this again")
     if isinstance(fault, ImportError):
-        return InputError(f"The workers have another version of this program, or none ({fault}).")
+        what = f"The workers have another version of this program, or none ({fault})"
+        return InputError("worker-lost", what, "install the same there")
     return fault
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas
 import pytest
 import shapes
+from faults import raises
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
@@ -122,71 +123,73 @@ def graph(path: Path, nodes: np.ndarray, edges: np.ndarray) -> Path:
 
 
 BAD: dict[str, tuple[Callable[[Path], object], str]] = {
-    "absent": (read_condensed_features, "does not exist"),
-    "text": (lambda path: (path.write_text("X"), read_condensed_features(path)), "no.* archive"),
+    "absent": (read_condensed_features, "file-not-found"),
+    "text": (lambda path: (path.write_text("X"), read_condensed_features(path)), "wrong-format"),
     "other arrays": (
         lambda path: (np.savez(path, a=1), read_condensed_features(path)),
-        "holds a, and no array X",
+        "missing-data",
     ),
     "no header": (
         lambda path: (
             by_hand(path), path.with_name("header.txt").unlink(), read_condensed_features(path)
         ),
-        "has no header.txt next to it",
+        "file-not-found",
     ),
     "short header": (
         lambda path: read_condensed_features(by_hand(path, "a\tb")),
-        "has 3 columns, and header.txt next to it names 2",
+        "counts-differ",
     ),
     "labels": (
         lambda path: read_condensed_features(by_hand(path, labels=LABELS + 1)),
-        "labels from 0 to 4, and 5 rows of X",
+        "counts-differ",
     ),
-    "flat": (lambda path: read_condensed_features(by_hand(path, X=np.ones(3))), "X of shape"),
+    "flat": (lambda path: read_condensed_features(by_hand(path, X=np.ones(3))), "wrong-shape"),
     "other header": (
         lambda path: (
             path.with_name("header.txt").write_text("a\tb\tc"),
             write_condensed_features(path, table(), LABELS),
         ),
-        "has other columns than those in .*header.txt",
+        "other-columns",
     ),
     "few rows": (
         lambda path: write_condensed_features(path, table(3), LABELS),
-        "Labels are up to 3, but there are only 3 rows",
+        "counts-differ",
     ),
     "index": (
         lambda path: write_condensed_features(path, table()[::-1], LABELS),
-        "index .* is not 0, 1, 2",
+        "not-sorted",
     ),
     "ending": (
         lambda path: write_condensed_features(path.with_suffix(".csv"), table(), LABELS),
-        "does not end in .npz",
+        "unknown-ending",
     ),
     "folder": (
         lambda path: write_id_map(path.parent / "none" / "a.npz", [1], [2]),
-        "there is no folder",
+        "folder-not-found",
     ),
     "edges": (
         lambda path: read_condensed_graph(graph(path, np.ones((2, 3)), np.array([[0, 2, 1]]))),
-        "has an edge from or to node 2, and 2 nodes",
+        "vertex-out-of-range",
     ),
     "dropped graph": (
         lambda path: mv.read_maps(graph(path, np.ones((2, 7)), np.ones((1, 5))), BALL),
-        "holds a graph of domains, which View › Graph of labels draws once the features",
+        "no-values",
     ),
-    "graph": (lambda path: read_condensed_graph(graph(path, np.ones(3), np.ones(2))), "tables"),
-    "ids": (lambda path: write_id_map(path, [1, 2], [3]), "one whole number of each"),
+    "graph": (
+        lambda path: read_condensed_graph(graph(path, np.ones(3), np.ones(2))), "wrong-shape"
+    ),
+    "ids": (lambda path: write_id_map(path, [1, 2], [3]), "wrong-shape"),
     "map of ids": (
         lambda path: (np.savez(path, id_to_mesh_map=np.ones(3)), read_id_map(path)),
-        "not two whole numbers",
+        "wrong-shape",
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_files_are_one_sentence(case: str, tmp_path: Path) -> None:
-    act, fault = BAD[case]
-    with pytest.raises(InputError, match=fault) as caught:
+    act, code = BAD[case]
+    with raises(code) as caught:
         act(tmp_path / "bad.npz")
     assert "\n" not in str(caught.value)
     assert not [each for each in tmp_path.iterdir() if each.name.startswith(".")]
@@ -213,7 +216,7 @@ def test_a_file_of_another_mesh_or_without_its_header_is_refused(tmp_path: Path)
     with pytest.raises(InputError, match=f"{N} values and the mesh 42 vertices"):
         mv.read_maps(path, shapes.icosphere(1))
     (tmp_path / "header.txt").unlink()
-    with pytest.raises(InputError, match=r"has no header.txt next to it.*copy it there"):
+    with raises("file-not-found"):
         mv.read_maps(path, BALL)
 
 

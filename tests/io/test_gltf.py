@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import shapes
+from faults import raises
 
-from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.errors import MeshWarning
 from meshmash_viewer.io.formats.gltf import read_gltf
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import Mesh
@@ -187,24 +188,24 @@ def test_indices_of_every_type_and_none(dtype: str | None, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("change", "clause"),
+    ("change", "code"),
     [
-        ({"count": 99}, "shorter than its parts"),
-        ({"byteOffset": 40}, "shorter than its parts"),
-        ({"count": -1}, "count is -1"),
-        ({"count": 2.5}, "count is 2.5"),
-        ({"componentType": 5555}, "of type 5555"),
-        ({"type": "VEC9"}, "of type VEC9"),
-        ({"type": "VEC4", "count": 3}, "three coordinates each"),
-        ({"bufferView": 77}, "names number 77 of its bufferViews"),
-        ({"bufferView": -1}, "names number -1 of its bufferViews"),
+        ({"count": 99}, "file-cut-short"),
+        ({"byteOffset": 40}, "file-cut-short"),
+        ({"count": -1}, "not-whole-numbers"),
+        ({"count": 2.5}, "not-whole-numbers"),
+        ({"componentType": 5555}, "wrong-type"),
+        ({"type": "VEC9"}, "wrong-type"),
+        ({"type": "VEC4", "count": 3}, "wrong-shape"),
+        ({"bufferView": 77}, "missing-data"),
+        ({"bufferView": -1}, "missing-data"),
     ],
 )
-def test_an_array_that_is_not_in_its_buffer(change, clause: str, tmp_path: Path) -> None:
+def test_an_array_that_is_not_in_its_buffer(change, code: str, tmp_path: Path) -> None:
     scene = Scene()
     scene.node(mesh=scene.tetrahedron())
     scene.json["accessors"][0].update(change)
-    with pytest.raises(InputError, match=clause):
+    with raises(code):
         read(scene, tmp_path)
 
 
@@ -329,7 +330,7 @@ def test_a_buffer_that_is_cut_short(tmp_path: Path) -> None:
     scene.node(mesh=scene.tetrahedron())
     path = scene.write(tmp_path / "scene.glb")
     path.write_bytes(path.read_bytes()[:-8])
-    with pytest.raises(InputError, match="shorter than its parts"):
+    with raises("file-cut-short"):
         read_gltf(path)
 
 
@@ -417,7 +418,7 @@ def test_nodes_that_have_no_place(children: list[list[int]], tmp_path: Path) -> 
     mesh = scene.tetrahedron()
     for at, each in enumerate(children):
         scene.node(root=at == 0, mesh=mesh, children=each)
-    with pytest.raises(InputError, match=r"contains its node \d twice"):
+    with raises("given-twice"):
         read(scene, tmp_path)
 
 
@@ -510,7 +511,7 @@ def test_instances_that_do_not_fit(instances: dict[str, int], tmp_path: Path) ->
     instanced(scene, **instances)
     scene.array(np.zeros((2, 3)))
     scene.array(np.zeros((3, 3)))
-    with pytest.raises(InputError, match="differ in number"):
+    with raises("counts-differ"):
         read(scene, tmp_path)
 
 
@@ -528,7 +529,7 @@ def test_what_is_required_and_not_understood_is_named(required, named, tmp_path:
     scene.node(mesh=scene.tetrahedron())
     scene.json["extensionsRequired"] = required
     path = scene.write(tmp_path / "scene.gltf")
-    with pytest.raises(InputError, match=f"{named}.*: export it without") as said:
+    with raises("not-supported") as said:
         read_mesh(path)
     assert "point cloud" not in str(said.value)
 
@@ -554,7 +555,7 @@ def test_data_that_is_only_packed_is_named(tmp_path: Path) -> None:
     for view in scene.json["bufferViews"]:
         view["extensions"] = {"EXT_meshopt_compression": {"buffer": 1}}
     path.write_text(json.dumps({**scene.json, "buffers": [{"byteLength": len(scene.data)}]}))
-    with pytest.raises(InputError, match="requires EXT_meshopt_compression"):
+    with raises("not-supported"):
         read_gltf(path)
 
 
@@ -594,13 +595,16 @@ def test_draco(tmp_path: Path) -> None:
 @pytest.mark.parametrize("packed", [b"", b"DRACO\x02\x02" + bytes(200), b"something else"])
 def test_draco_that_is_damaged(packed: bytes, tmp_path: Path) -> None:
     pytest.importorskip("DracoPy")
-    with pytest.raises(InputError, match="packed by KHR_draco_mesh_compression that"):
+    with raises(
+        "missing-data" if packed[:5] == b"DRACO" else "wrong-format",
+        "has a mesh packed by KHR_draco_mesh_compression",
+    ):
         read(packed_scene(packed, POSITION=0), tmp_path)
 
 
 def test_draco_is_an_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "DracoPy", None)
-    with pytest.raises(InputError, match=r"KHR_draco_mesh_compression.*pip install .*\[draco\]"):
+    with raises("package-missing"):
         read(packed_scene(b"DRACO", POSITION=0), tmp_path)
 
 
@@ -630,21 +634,21 @@ def test_what_is_left_out_is_said(modes: list[int], said: list[str], tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("modes", "said"),
+    ("modes", "code"),
     [
-        ([0, 0], "holds nothing but points, so it is a point cloud"),
-        ([1], "holds nothing but lines, and no triangle"),
-        ([2, 0], "holds nothing but lines and points, and no triangle"),
-        ([], "shows no triangle mesh"),
-        ([7], "a primitive of mode 7"),
+        ([0, 0], "no-faces"),
+        ([1], "no-faces"),
+        ([2, 0], "no-faces"),
+        ([], "no-faces"),
+        ([7], "wrong-format"),
     ],
 )
-def test_only_points_are_a_point_cloud(modes: list[int], said: str, tmp_path: Path) -> None:
+def test_only_points_are_a_point_cloud(modes: list[int], code: str, tmp_path: Path) -> None:
     scene = Scene()
     position = scene.array(VERTICES)
     others = [{"attributes": {"POSITION": position}, "mode": mode} for mode in modes]
     scene.node(mesh=scene.mesh(*others))
-    with pytest.raises(InputError, match=said) as fault:
+    with raises(code) as fault:
         read(scene, tmp_path)
     assert ("point cloud" in str(fault.value)) == (set(modes) == {0})
 
@@ -664,7 +668,7 @@ def test_another_version_is_named(version: str, tmp_path: Path) -> None:
     scene = Scene()
     scene.node(mesh=scene.tetrahedron())
     scene.json["asset"]["version"] = version
-    with pytest.raises(InputError, match=f"of version {version}, of which only 2 can be read"):
+    with raises("wrong-version", f"of version {version}, not 2"):
         read(scene, tmp_path)
 
 

@@ -11,6 +11,7 @@ import nibabel
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTable
 
 from meshmash_viewer.errors import InputError, MeshWarning
@@ -184,7 +185,7 @@ def test_more_labels_in_use_than_colors_are_refused() -> None:
     values = np.arange(N) % (MOST_LABELS + 1)
     with pytest.raises(InputError, match=r"513 labels, and 512 can be distinguished"):
         RawMap("parts", values, table(np.arange(2000))).checked(N)
-    with pytest.raises(InputError, match="no vertex with a label"):
+    with raises("no-labels"):
         RawMap("parts", -1 - values, table(np.arange(2000))).checked(N)
 
 
@@ -204,21 +205,21 @@ def test_the_first_label_of_a_number_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "pattern"),
+    ("content", "code"),
     [
-        (struct.pack(">5i", 2, 0, 0, 1, 0), "no vertex with a label"),
-        (struct.pack(">6i", 2, 0, -1, 1, 0, 0), "no vertex with a label"),
-        (struct.pack(">7i", 2, 0, 1, 1, 2, 1, -3), "unknown version 3"),
-        (struct.pack(">9i", 2, 0, 1, 1, 2, 1, -2, 9, 400), "ends within its labels"),
-        (struct.pack(">5i", 2, 0, 1, 0, 2), "not once for each vertex"),
-        (struct.pack(">5i", 2, 0, 1, 7, 2), "not once for each vertex"),
-        (struct.pack(">i", -5), "ends within its labels"),
-        (struct.pack(">i", 2**31 - 1), "ends within its labels"),
+        (struct.pack(">5i", 2, 0, 0, 1, 0), "no-labels"),
+        (struct.pack(">6i", 2, 0, -1, 1, 0, 0), "no-labels"),
+        (struct.pack(">7i", 2, 0, 1, 1, 2, 1, -3), "wrong-version"),
+        (struct.pack(">9i", 2, 0, 1, 1, 2, 1, -2, 9, 400), "file-cut-short"),
+        (struct.pack(">5i", 2, 0, 1, 0, 2), "counts-differ"),
+        (struct.pack(">5i", 2, 0, 1, 7, 2), "counts-differ"),
+        (struct.pack(">i", -5), "file-cut-short"),
+        (struct.pack(">i", 2**31 - 1), "file-cut-short"),
     ],
 )
-def test_broken_annotations_are_one_sentence(content: bytes, pattern: str, tmp_path: Path) -> None:
+def test_broken_annotations_are_one_sentence(content: bytes, code: str, tmp_path: Path) -> None:
     (tmp_path / "lh.aparc.annot").write_bytes(content)
-    with pytest.raises(InputError, match=rf"lh\.aparc\.annot .*{pattern}.*\.$"):
+    with raises(code):
         read_maps(tmp_path / "lh.aparc.annot", MESH)
 
 
@@ -246,7 +247,7 @@ def test_values_may_be_folded_in_any_shape(
 def test_a_volume_is_one_sentence(shape: tuple[int, ...], tmp_path: Path) -> None:
     image = nibabel.MGHImage(np.ones(shape, np.float32), np.eye(4))
     nibabel.save(image, tmp_path / "brain.mgz")
-    with pytest.raises(InputError, match=r"which is a volume and not values of a surface"):
+    with raises("wrong-shape"):
         read_maps(tmp_path / "brain.mgz", MESH)
 
 
@@ -257,8 +258,7 @@ def test_many_surfaces_in_a_file_are_one_sentence(
     arrays = [(POINTS, MESH.vertices.astype("f4"))] * points
     arrays += [(TRIANGLES, MESH.faces.astype("i4"))] * triangles
     gifti(tmp_path / "both.surf.gii", arrays, ())
-    pattern = f"{points} point sets and {triangles} sets of triangles.*: write each surface"
-    with pytest.raises(InputError, match=pattern):
+    with raises("ambiguous-content", f"{points} point sets and {triangles} sets of triangles"):
         read_mesh(tmp_path / "both.surf.gii")
 
 
@@ -269,8 +269,8 @@ def test_a_patch_is_one_sentence(name: str, count: int, tmp_path: Path) -> None:
     content = struct.pack(">ii", -1, count) + rows.tobytes()
     path = tmp_path / name
     path.write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
-    with pytest.raises(InputError, match=r"FreeSurfer patch .* no triangles of its own: open"):
+    with raises("no-faces"):
         read_mesh(path)
     if not name.endswith(".gz"):
-        with pytest.raises(InputError, match="FreeSurfer patch"):
+        with raises("no-values"):
             read_maps(path, MESH)

@@ -12,6 +12,7 @@ import nibabel
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from nibabel.freesurfer import write_annot, write_geometry, write_morph_data
 from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTable
 from tiers import slow_but
@@ -247,7 +248,7 @@ def test_a_packed_table_has_the_units_of_the_file_next_to_it(tmp_path: Path) -> 
     (found,) = read_maps(packed, MESH)
     assert (found.name, found.unit, found.path) == ("one", "nm⁻²", str(packed))
     packed.write_bytes(packed.read_bytes()[:-20])
-    with pytest.raises(InputError, match=r"ends too early; copy or export it again\.$"):
+    with raises("file-cut-short"):
         read_maps(packed, MESH)
 
 
@@ -322,7 +323,7 @@ def test_a_map_without_the_medial_wall(tmp_path: Path) -> None:
     brain, mask = replace(MESH, name="lh.pial"), np.arange(N) % 10 > 0
     values, path = np.arange(float(mask.sum())), tmp_path / "thickness.npy"
     np.save(path, values)
-    with pytest.raises(InputError, match=r"may be without the medial wall: .*np\.savez") as raised:
+    with raises("other-mesh") as raised:
         read_maps(path, brain)
     code = str(raised.value)[str(raised.value).index("np.savez") : -1]
     code = code.replace("thickness.npz", str(tmp_path / "thickness.npz"))
@@ -338,10 +339,10 @@ def test_a_map_without_the_medial_wall(tmp_path: Path) -> None:
 
 def test_indices_that_count_from_one(tmp_path: Path) -> None:
     path = tmp_path / "depth.csv"
-    for first, said in ((1, "0: subtract 1 if it counts from 1, or give"), (0, "0: give the one")):
+    for first, said in ((1, ": subtract 1 if it counts from 1, or give"), (0, ": give the one")):
         vertices = [first, *range(2, N + 1)]
         path.write_text("vertex,depth\n" + "\n".join(f"{each},1" for each in vertices))
-        with pytest.raises(InputError, match=f"names vertex 42, .*counted from {said}"):
+        with raises("vertex-out-of-range", said):
             read_maps(path, MESH)
 
 
@@ -361,7 +362,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "volume.npy": (lambda path: np.save(path, np.ones((2, 3, 4))), r"shape \(2, 3, 4\)"),
     "objects.npy": (
         lambda path: np.save(path, np.array([{}] * N), allow_pickle=True),
-        r"has an array of Python objects; give a file with one number per vertex",
+        r"has an array of Python objects: save it with a type of numbers",
     ),
     "words.csv": (lambda path: path.write_text("a\n" + "b\n" * N), r"no column of numbers"),
     "twice.csv": (
@@ -370,11 +371,11 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "empty.csv": (lambda path: path.write_text(""), r"is empty"),
     "lh.other.label": (labels_beyond, r"names vertex 42, and the mesh has 42 vertices"),
-    "lh.cut.annot": (lambda path: path.write_bytes(b"\0\0\0\x2a\0\0"), r"not readable"),
+    "lh.cut.annot": (lambda path: path.write_bytes(b"\0\0\0\x2a\0\0"), r"ends within its labels"),
     "lh.cut.curv": (lambda path: path.write_bytes(b"\xff\xff\xff\0\0"), r"does not begin like"),
     "lh.promise.annot": (
         lambda path: path.write_bytes(np.array([2**31 - 1, 0, 0], ">i4").tobytes()),
-        r"more than \d+ MB|not readable|reads it crashes",
+        r"ends within its labels",
     ),
     "mesh.surf.gii": (
         lambda path: gifti(path, "NIFTI_INTENT_POINTSET", MESH.vertices.astype(np.float32)),
@@ -386,7 +387,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
         lambda path: nibabel.save(
             nibabel.MGHImage(np.ones((3, 4, 5), np.float32), np.eye(4)), path
         ),
-        r"a volume and not values of a surface",
+        r"of a volume, not of a surface",
     ),
 }
 
@@ -440,7 +441,7 @@ def test_the_first_format_of_freesurfer_values(tmp_path: Path) -> None:
     (found,) = read_maps(tmp_path / "lh.curv", MESH)
     np.testing.assert_allclose(found.values, values)
     (tmp_path / "lh.curv").write_bytes(content + b"x")
-    with pytest.raises(InputError, match="does not begin like"):
+    with raises("wrong-format"):
         read_maps(tmp_path / "lh.curv", MESH)
 
 
@@ -455,11 +456,11 @@ def test_a_gifti_file_may_name_its_vertices(tmp_path: Path) -> None:
     assert found.name == path.name
     assert np.flatnonzero(np.isfinite(found.values)).tolist() == [1, 5]
     assert found.values[[5, 1]].tolist() == [0.5, 0.25]
-    for wrong, said in (([-1, 2], "no whole numbers from 0"), ([1, 2, 3], "another number of")):
+    for wrong, code in (([-1, 2], "not-whole-numbers"), ([1, 2, 3], "counts-differ")):
         indices = np.array(wrong, np.int32)
         arrays[0] = GiftiDataArray(indices, intent="NIFTI_INTENT_NODE_INDEX")
         path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
-        with pytest.raises(InputError, match=said):
+        with raises(code):
             read_maps(path, MESH)
 
 
@@ -467,7 +468,7 @@ def test_a_surface_is_no_map(tmp_path: Path) -> None:
     path = tmp_path / "lh.pial"
     write_geometry(path, MESH.vertices, MESH.faces)
     assert not is_map_file(path)
-    with pytest.raises(InputError, match="does not exist"):
+    with raises("file-not-found"):
         read_maps(tmp_path / "lh.curv", MESH)
 
 
@@ -520,5 +521,5 @@ def test_maps_in_the_rows_of_an_array_are_read(tmp_path: Path) -> None:
     assert [each.name for each in found] == ["both 0", "both 1"]
     np.testing.assert_array_equal(found[1].values, -height)
     np.savez(path, wide=np.ones((162, 65)))
-    with pytest.raises(InputError, match="an array wide of 65 columns, of which 64 can be taken"):
+    with raises("no-values", "an array wide of 65 columns, of which 64 can be taken"):
         read_maps(path, sphere)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import raises
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import Formula
 from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.read import read_mesh
@@ -112,7 +112,7 @@ def test_a_mark_in_front_of_a_binary_ply(order: str, tmp_path: Path) -> None:
 
 def test_a_mark_that_something_else_follows(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_bytes(codecs.BOM_UTF16_LE + b"v 0 0 0\xd8")
-    with pytest.raises(InputError, match="begins as text in UTF-16 and has something else"):
+    with raises("wrong-format", "begins as text in UTF-16 and has something else"):
         read_mesh(tmp_path / "a.obj")
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from tiers import slow
 
 import meshmash_viewer as mv
@@ -86,23 +87,20 @@ def test_the_card_is_json_in_the_archive(blob: mv.Mesh, path: Path) -> None:
 
 @pytest.mark.parametrize("model", ["logistic"], indirect=True)
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "code"),
     [
-        (lambda card: card.update(format=2), "has version 2 of the format of models"),
-        (
-            lambda card: card["versions"].update({"scikit-learn": "0.9.1"}),
-            "was trained with scikit-learn 0.9.1",
-        ),
-        (lambda card: card.pop("columns"), "damaged model"),
-        (lambda card: card["columns"].update(kinds=["heat"]), "damaged model"),
-        (lambda card: card["classes"].pop(), "damaged model"),
-        (lambda card: card["columns"].update(n_times=3), "its columns do not agree"),
-        (lambda card: card["meshes"][0].update(median_edge=0.0), "damaged model"),
-        (lambda card: card["meshes"][0].update(median_edge="wide"), "damaged model"),
+        (lambda card: card.update(format=2), "wrong-version"),
+        (lambda card: card["versions"].update({"scikit-learn": "0.9.1"}), "wrong-version"),
+        (lambda card: card.pop("columns"), "file-damaged"),
+        (lambda card: card["columns"].update(kinds=["heat"]), "file-damaged"),
+        (lambda card: card["classes"].pop(), "file-damaged"),
+        (lambda card: card["columns"].update(n_times=3), "file-damaged"),
+        (lambda card: card["meshes"][0].update(median_edge=0.0), "file-damaged"),
+        (lambda card: card["meshes"][0].update(median_edge="wide"), "file-damaged"),
     ],
 )
-def test_other_cards_are_refused(path: Path, change: Any, said: str) -> None:
-    with pytest.raises(mv.InputError, match=said):
+def test_other_cards_are_refused(path: Path, change: Any, code: str) -> None:
+    with raises(code):
         mv.read_classes(with_card(path, change))
 
 
@@ -121,7 +119,7 @@ def test_another_type_is_refused_by_its_name(path: Path, model: ClassModel) -> N
         mv.write_classes(path, model)
     finally:
         del model.classifier.other
-    with pytest.raises(mv.InputError, match=r"Other, which is no part of a model of classes"):
+    with raises("untrusted-content"):
         mv.read_classes(path)
 
 
@@ -136,7 +134,7 @@ def test_a_tree_that_leads_out_of_itself_is_refused(
     state["nodes"]["right_child"][0] = 10**9
     tree.__setstate__(state)
     mv.write_classes(tmp_path / "bad.skops", model)
-    with pytest.raises(mv.InputError, match="damaged model"):
+    with raises("file-damaged"):
         mv.read_classes(tmp_path / "bad.skops")
 
 
@@ -144,13 +142,13 @@ def test_a_tree_that_leads_out_of_itself_is_refused(
 def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "other.skops"
     path.write_bytes(content)
-    with pytest.raises(mv.InputError, match=r"is no model of classes|is empty"):
+    with raises("wrong-format" if content else "file-empty"):
         mv.read_classes(path)
 
 
 @pytest.mark.parametrize("model", ["logistic"], indirect=True)
 def test_models_have_one_ending(tmp_path: Path, model: ClassModel) -> None:
-    with pytest.raises(mv.InputError, match=r"give it the ending \.skops"):
+    with raises("unknown-ending"):
         mv.write_classes(tmp_path / "model.pkl", model)
-    with pytest.raises(mv.InputError, match="does not exist"):
+    with raises("file-not-found"):
         mv.read_classes(tmp_path / "none.skops")

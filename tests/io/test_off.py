@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from faults import raises
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import read_mesh
 
 POINTS = ["0 0 0", "2 0 0", "2 1 0", "0 1 0", "1 3 0"]
@@ -67,30 +67,30 @@ def test_off(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "clause"),
+    ("content", "code"),
     [
-        ("4OFF\n5 2 0\n" + rows(points="1"), r"of another dimension \(4OFF\)"),
-        ("C4OFF\n5 2 0\n" + rows(points="1 9 9 9"), r"of another dimension \(C4OFF\)"),
-        ("nOFF\n2\n5 2 0\n" + BODY, r"of another dimension \(nOFF\)"),
-        ("OFF BINARY\n5 2 0\n", "is a binary OFF file"),
-        ("5 2 0\n" + BODY, 'does not begin with "OFF"'),
-        ("OFFSET 5 2 0\n" + BODY, 'does not begin with "OFF"'),
-        ("OFF\n", "does not state how many"),
-        ("OFF\n5 2 0\n" + "\n".join(POINTS), "promises 5 vertices and 2 faces but has 5 lines"),
-        ("OFF\n5 3 0\n" + BODY, "promises 5 vertices and 3 faces but has 7 lines"),
-        ("OFF\n5 1 0\n" + BODY, "holds 5 numbers more than its header describes"),
-        ("OFF\n5 2 0\n" + BODY + "0 0 9\n", "holds 3 numbers more than"),
-        ("OFF\n4 2 0\n" + BODY, "more than its header describes|promises 4 vertices"),
-        ("OFF\n5 2.5 0\n" + BODY, "promises 5 vertices and 2.5 faces"),
-        ("OFF\n-5 2 0\n" + BODY, "promises -5 vertices"),
-        ("OFF\n5 2 0\n" + BODY.replace("3 0 1 2", "3 0 1 2.5"), "that is no whole number"),
-        ("OFF\n5 2 0\n" + BODY.replace("3 0 1 2", "-3 0 1 2"), "a list of -3 entries"),
-        ("OFF\n5 2 0\n" + BODY.replace("3 0 1 2", "3 0 1 5"), "a vertex index out of range"),
-        ("OFF\n5 2 0\n" + BODY.replace("3 0 1 2", "3 0 1 1e300"), "a vertex index out of range"),
-        ("OFF\n5 2 0\n" + BODY.replace("2 1 0", "2 1 0 7"), "differently many numbers more"),
+        ("4OFF\n5 2 0\n" + rows(points="1"), "not-supported"),
+        ("C4OFF\n5 2 0\n" + rows(points="1 9 9 9"), "not-supported"),
+        ("nOFF\n2\n5 2 0\n" + BODY, "not-supported"),
+        ("OFF BINARY\n5 2 0\n", "not-supported"),
+        ("5 2 0\n" + BODY, "wrong-format"),
+        ("OFFSET 5 2 0\n" + BODY, "wrong-format"),
+        ("OFF\n", "wrong-format"),
+        ("OFF\n5 2 0\n" + "\n".join(POINTS), "counts-differ"),
+        ("OFF\n5 3 0\n" + BODY, "counts-differ"),
+        ("OFF\n5 1 0\n" + BODY, "counts-differ"),
+        ("OFF\n5 2 0\n" + BODY + "0 0 9\n", "counts-differ"),
+        ("OFF\n4 2 0\n" + BODY, "counts-differ"),
+        ("OFF\n5 2.5 0\n" + BODY, "counts-differ"),
+        ("OFF\n-5 2 0\n" + BODY, "counts-differ"),
+        ("OFF\n5 2 0\n" + BODY.replace("3 0 1 2", "3 0 1 2.5"), "not-whole-numbers"),
+        ("OFF\n5 2 0\n" + BODY.replace("3 0 1 2", "-3 0 1 2"), "out-of-range"),
+        ("OFF\n5 2 0\n" + BODY.replace("3 0 1 2", "3 0 1 5"), "vertex-out-of-range"),
+        ("OFF\n5 2 0\n" + BODY.replace("3 0 1 2", "3 0 1 1e300"), "vertex-out-of-range"),
+        ("OFF\n5 2 0\n" + BODY.replace("2 1 0", "2 1 0 7"), "counts-differ"),
     ],
 )
-def test_off_that_is_refused(content: str, clause: str, tmp_path: Path) -> None:
+def test_off_that_is_refused(content: str, code: str, tmp_path: Path) -> None:
     (tmp_path / "a.off").write_text(content)
-    with pytest.raises(InputError, match=clause):
+    with raises(code):
         read_mesh(tmp_path / "a.off")

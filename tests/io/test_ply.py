@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import raises
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.features.sums import Features
@@ -100,47 +101,39 @@ def test_binary_lists_of_differing_length_beside_other_properties(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("header", "body", "words"),
+    ("header", "body", "code"),
     [
-        (
-            VERTEX + "element face 1\nproperty int vertex_indices\n",
-            SQUARE + "3\n",
-            "faces without a list of vertex indices",
-        ),
+        (VERTEX + "element face 1\nproperty int vertex_indices\n", SQUARE + "3\n", "missing-data"),
         (
             VERTEX + "element face 1\nproperty list uchar int corners\n",
             SQUARE + "3 0 1 2\n",
-            "faces without a list of vertex indices",
+            "missing-data",
         ),
         (
             VERTEX + "element face 2\nproperty list uchar int vertex_indices\n",
             SQUARE + "3 0\n",
-            "promises 2 of its element 'face' but ends after 0",
+            "file-cut-short",
         ),
         (
             VERTEX + "element face 2\nproperty list uchar int vertex_indices\n",
             SQUARE + "3 0 1 2\n4 0 1\n",
-            "promises 2 of its element 'face' but ends after 1",
+            "file-cut-short",
         ),
-        (
-            "element vertex 1\nproperty float x\nproperty float y\n",
-            "0 0\n",
-            "vertices without x, y and z",
-        ),
+        ("element vertex 1\nproperty float x\nproperty float y\n", "0 0\n", "no-vertices"),
         (
             "element vertex 1\nproperty float x\nproperty float y\nproperty list uchar float z\n",
             "0 0 1 0\n",
-            "vertices without x, y and z",
+            "no-vertices",
         ),
         (
             VERTEX + "element face 1\nproperty list char int vertex_indices\n",
             SQUARE + "-3 0 1 2\n",
-            "a list of -3 entries",
+            "out-of-range",
         ),
     ],
 )
-def test_what_a_ply_file_lacks_is_named(header: str, body: str, words: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=words):
+def test_what_a_ply_file_lacks_is_named(header: str, body: str, code: str, tmp_path: Path) -> None:
+    with raises(code):
         read_mesh(write_text(tmp_path / "mesh.ply", header, body))
 
 
@@ -220,25 +213,25 @@ def test_a_text_body_is_read_as_its_lines_say(name: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("header", "body", "words"),
+    ("header", "body", "code"),
     [
-        (VERTEX + FACE, SQUARE + FACES + "3 0 1 3\n", "4 numbers more than its header describes"),
-        (VERTEX + FACE, SQUARE + FACES + "7", "1 number more than its header describes"),
-        (VERTEX + FACE, SQUARE + "0 0 1\n" + FACES, "more than its header describes|cut short"),
-        (VERTEX + FACE, SQUARE[:-6] + FACES + "3 0 1 3\n", "differently many numbers more"),
-        (VERTEX + FACE, SQUARE + "3 0 1 2 9\n3 0 2 3\n", "differently many numbers more"),
-        (VERTEX + FACE, longer(SQUARE, "1") + "3 0 1 2 9 9\n3 0 2 3 9", "differently many"),
-        (VERTEX + FACE, SQUARE + "3 0 1 2\n3 0 2 2.5\n", "that is no whole number"),
-        (VERTEX + FACE, SQUARE + "3 0 1 2\n2.5 0 2 3\n", "a list of 2.5 entries"),
-        (VERTEX + FACE, SQUARE + "3 0 1 2\nnan 0 2 3\n", "a list of nan entries"),
-        (VERTEX + FACE + VERTEX, SQUARE + FACES + SQUARE, "has two elements 'vertex'"),
-        (VERTEX + FACE, SQUARE + "3 0 1 2 # red\n3 0 2 3\n", "'#' where a number should be"),
+        (VERTEX + FACE, SQUARE + FACES + "3 0 1 3\n", "counts-differ"),
+        (VERTEX + FACE, SQUARE + FACES + "7", "counts-differ"),
+        (VERTEX + FACE, SQUARE + "0 0 1\n" + FACES, "counts-differ"),
+        (VERTEX + FACE, SQUARE[:-6] + FACES + "3 0 1 3\n", "counts-differ"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2 9\n3 0 2 3\n", "counts-differ"),
+        (VERTEX + FACE, longer(SQUARE, "1") + "3 0 1 2 9 9\n3 0 2 3 9", "counts-differ"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2\n3 0 2 2.5\n", "not-whole-numbers"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2\n2.5 0 2 3\n", "out-of-range"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2\nnan 0 2 3\n", "out-of-range"),
+        (VERTEX + FACE + VERTEX, SQUARE + FACES + SQUARE, "no-vertices"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2 # red\n3 0 2 3\n", "not-a-number"),
     ],
 )
 def test_a_text_body_of_more_or_less_is_refused(
-    header: str, body: str, words: str, tmp_path: Path
+    header: str, body: str, code: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match=words):
+    with raises(code):
         read_mesh(write_text(tmp_path / "mesh.ply", header, body))
 
 
@@ -284,14 +277,15 @@ def test_binary_bodies_that_end_with_their_last_row(order: str, tmp_path: Path) 
 def test_longer_rows_of_a_binary_body_are_refused(order: str, more: bytes, tmp_path: Path) -> None:
     path = tmp_path / "mesh.ply"
     path.write_bytes(binary_square(order, more))
-    with pytest.raises(InputError, match=r"more than its header describes|cut short|out of range"):
+    with pytest.raises(InputError) as caught:
         read_mesh(path)
+    assert caught.value.code in ("counts-differ", "file-cut-short", "vertex-out-of-range")
 
 
 def test_bytes_after_a_binary_body_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "mesh.ply"
     path.write_bytes(binary_square("<") + b"made by hand")
-    with pytest.raises(InputError, match="holds 12 bytes more than its header describes"):
+    with raises("counts-differ", "holds 12 bytes more than its header describes"):
         read_mesh(path)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
+from faults import raises
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.maps import is_map_file, read_labels, read_maps
@@ -131,7 +132,7 @@ LEFT_OUT = {
     "nothing": (("b", "", "", "", ""), r"'b' \(it is empty\)"),
     "only None": (("b", "None", "None", "NA", ""), r"'b' \(it is empty\)"),
     "dates": (("b", *["2024-01-01"] * 4), r"'b' \(not numbers, such as "),
-    "infinite": (("b", "inf", "1", "2", "3"), r"a map that is left out: 'b' has 1 infinite"),
+    "infinite": (("b", "inf", "1", "2", "3"), r"a map that is left out: Map 'b' has 1 infinite"),
 }
 
 
@@ -179,7 +180,7 @@ def test_a_column_without_a_name(ending: str, rows: tuple[str, ...], tmp_path: P
     for many, said in ((rows[:-1], "3 values"), ((*rows, "9"), "5 values"), (("4", *rows), "5")):
         with pytest.raises(InputError, match=rf"{said}.* and the mesh 4 vertices: give a map"):
             read(path, "\n".join(many) + "\n")
-    with pytest.raises(InputError, match="no column of numbers"):
+    with raises("no-values"):
         read(path, "\n".join((rows[0], "word", *rows[2:])) + "\n")
 
 

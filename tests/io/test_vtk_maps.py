@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import raises
 
-from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.errors import MeshWarning
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.vertex_map import VertexMap
 
@@ -133,7 +134,7 @@ def test_what_is_no_map_is_named(legacy: Legacy, tmp_path: Path) -> None:
     said = " ".join(str(each.message) for each in caught)
     for named in ("normals 'n'", "colours 'c'", "places in a texture 'uv'", "faces 'of_faces'"):
         assert named in said
-    assert re.search(r"mesh\.vtk has a map that is left out: 'b' has 1 infinite value", said)
+    assert re.search(r"mesh\.vtk has a map that is left out: Map 'b' has 1 infinite value", said)
 
 
 def test_a_grid_of_triangles_has_maps_too(tmp_path: Path) -> None:
@@ -155,7 +156,7 @@ def test_more_maps_than_are_taken_are_counted(tmp_path: Path) -> None:
     ["POINT_DATA 3\nSCALARS a float\nLOOKUP_TABLE default", "POINT_DATA 4\nSCALARS a float"],
 )
 def test_blocks_that_vtk_cannot_read_are_one_sentence(head: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"mesh\.vtk is not readable by VTK \(.*\); check"):
+    with raises("not-readable"):
         Legacy().add(head, [1, 2, 3]).read(tmp_path)
 
 

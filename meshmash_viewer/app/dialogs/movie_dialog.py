@@ -47,7 +47,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
     def __init__(
         self, document: Document, scene: MeshView, path: Path, parent: QWidget | None = None
     ) -> None:
-        missing = {ending: missing_encoder(ending) for ending in _NAMES}
+        missing = {ending: str(missing_encoder(ending) or "") for ending in _NAMES}
         super().__init__("movie", "Save movie", path, _NAMES, parent, missing, "imageio-ffmpeg")
         self._set_up(document, scene, "movie")
         self._build()

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, cut_short, no_whole_numbers, printable, wrong_format
 from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import RawMap, RawMesh, maps_alone, most_maps, row_per_vertex
 from meshmash_viewer.io.text import parse_rows, read_text
@@ -46,6 +46,8 @@ _SMALLEST_IN_METRES = 0.005
 _INSIDE = "#d55e00"
 #: Version of colour tables in which each label has a number.
 _NUMBERED = -2
+#: Remedy of files that have values and no surface.
+_AS_MAP = "open the surface that it belongs to, and this file as a map of it"
 
 
 def freesurfer_values(path: Path) -> RawMesh:
@@ -53,7 +55,7 @@ def freesurfer_values(path: Path) -> RawMesh:
     from nibabel.freesurfer.io import read_morph_data
 
     if freesurfer_kind(path) != "values":
-        raise InputError("does not begin like a FreeSurfer file of one number per vertex")
+        raise wrong_format("does not begin like a FreeSurfer file of one number per vertex")
     read: Any = read_morph_data
     values = np.asarray(read(str(path)), dtype=np.float32)
     return maps_alone([RawMap("", values, unit=_unit_of_values(path))])
@@ -71,13 +73,11 @@ def freesurfer_label(path: Path) -> RawMesh:
     read: Any = read_label
     inside = np.atleast_1d(np.asarray(read(str(path)), dtype=np.int64))
     if not len(inside) or inside.min() < 0:
-        raise InputError("names no vertex")
+        raise InputError("no-vertices", "names no vertex")
     with path.open("rb") as file:  # the second line has the number of vertices, which is not read
         stated = file.read(10_000).split(b"\n")[1].strip()
     if stated.isdigit() and (count := int(stated)) > len(inside):
-        raise InputError(
-            f"promises {counted(count, 'vertex')} and has {len(inside):,}, so it was cut short"
-        )
+        raise cut_short(f"promises {counted(count, 'vertex')} and has {len(inside):,}")
     label = Label(1, "", _INSIDE)
     return maps_alone([RawMap("", np.ones(len(inside)), (label,), rows=inside)])
 
@@ -113,14 +113,13 @@ def read_freesurfer(path: Path) -> RawMesh:
     """
     kind = freesurfer_kind(path)
     if kind == "patch":
-        raise InputError(
-            "A FreeSurfer patch names vertices of a surface and has no triangles of its own: open"
-            " the surface that it was cut from."
-        )
+        fault = "is a FreeSurfer patch, which names vertices of a surface and has no triangles"
+        raise InputError("no-faces", fault, "open the surface that it was cut from")
     if kind == "values":
-        raise InputError("holds one number per vertex, such as a thickness, and no surface")
+        fault = "holds one number per vertex, such as a thickness, and no surface"
+        raise InputError("no-faces", fault, _AS_MAP)
     if not kind:
-        raise InputError("does not begin like a FreeSurfer surface")
+        raise wrong_format("does not begin like a FreeSurfer surface")
     content = path.read_bytes()
     magic = content[:3]
     if magic == _TRIANGLES:
@@ -130,9 +129,9 @@ def read_freesurfer(path: Path) -> RawMesh:
         n_vertices, n_faces = (int.from_bytes(part) for part in (header[:3], header[3:]))
     needed = start + (6 if magic == _SHORT_QUADS else 12) * n_vertices + 12 * n_faces
     if min(n_vertices, n_faces) < 0 or needed > len(content):
-        raise InputError(
+        raise cut_short(
             f"promises {counted(n_vertices, 'vertex')} and {counted(n_faces, 'face')}, for which it"
-            " does not have enough bytes, so it was cut short"
+            " does not have enough bytes"
         )
     if magic == _TRIANGLES:
         vertices = np.frombuffer(content, ">f4", 3 * n_vertices, start)
@@ -172,14 +171,15 @@ def read_freesurfer_ascii(path: Path) -> RawMesh:
     numbers, _ = parse_rows(text.partition(b"\n")[2] if is_surface else text, np.float64)
     if not is_surface:
         if not len(numbers) or len(numbers) % 5:
-            raise InputError("holds neither a FreeSurfer surface nor values as text")
+            raise wrong_format("holds neither a FreeSurfer surface nor values as text")
         values = numbers.reshape(-1, 5)[:, 4]  # after index and coordinates
         return maps_alone([RawMap("", values, unit=_unit_of_values(path))])
     n_vertices, n_faces = numbers[:2].astype(np.int64).tolist() if len(numbers) > 1 else (0, 0)
     if len(numbers) != 2 + 4 * (n_vertices + n_faces):
         raise InputError(
+            "counts-differ",
             f"promises {counted(n_vertices, 'vertex')} and {counted(n_faces, 'face')} of four"
-            f" numbers, and holds {counted(max(len(numbers) - 2, 0), 'number')}"
+            f" numbers, and holds {counted(max(len(numbers) - 2, 0), 'number')}",
         )
     rows_of_four = numbers[2:].reshape(-1, 4)[:, :3]  # the last number is a flag
     return _surface(rows_of_four[:n_vertices], rows_of_four[n_vertices:])
@@ -239,7 +239,7 @@ def freesurfer_annotation(path: Path) -> RawMesh:
         nonlocal place
         taken = content[place : place + max(size, 0)]
         if len(taken) != size:
-            raise InputError("is not readable, as it ends within its labels")
+            raise cut_short("ends within its labels")
         place += size
         return taken
 
@@ -251,11 +251,11 @@ def freesurfer_annotation(path: Path) -> RawMesh:
     pairs = np.array(numbers(2 * count), dtype=np.int64).reshape(-1, 2)
     order = np.argsort(pairs[:, 0], kind="stable")
     if not len(pairs) or not np.array_equal(pairs[order, 0], np.arange(len(pairs))):
-        raise InputError("has an annotation not once for each vertex from 0")
+        raise InputError("counts-differ", "has an annotation not once for each vertex from 0")
     if place == len(content) or numbers(1) == [0]:
         values = np.maximum(pairs[order, 1], 0)  # negative numbers are no labels
         if not values.any():
-            raise InputError("has no vertex with a label")
+            raise InputError("no-labels", "has no vertex with a label")
         return maps_alone([RawMap("", values, _numbered(values))])
     labels = _labels(take, numbers)
     annotations = {int(label.color[5:7] + label.color[3:5] + label.color[1:3], 16): label.key
@@ -271,7 +271,7 @@ def _labels(take: Callable[[int], bytes], numbers: Callable[[int], list[int]]) -
     (count,) = numbers(1)
     numbered = count == _NUMBERED
     if count < 0 and not numbered:
-        raise InputError(f"has a table of names and colours of the unknown version {-count}")
+        raise InputError("wrong-version", f"has a label table of the unknown version {-count}")
     if numbered:
         numbers(1)  # largest number
     take(*numbers(1))  # name of the original file of the table
@@ -299,21 +299,25 @@ def read_gifti(path: Path) -> RawMesh:
     triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
     if not points or not triangles:
         raise InputError(
-            "holds no surface (a GIFTI surface has a point set and triangles;"
-            " functional and label files have neither)"
+            "no-faces",
+            "holds no surface (a GIFTI surface has a point set and triangles, functional and label"
+            " files have neither)",
+            _AS_MAP,
         )
     if len(points) > 1 or len(triangles) > 1:
         raise InputError(
+            "ambiguous-content",
             f"holds {len(points)} point sets and {len(triangles)} sets of triangles, and does not"
-            " say which is the surface: write each surface to a file of its own."
+            " say which is the surface",
+            "write each surface to a file of its own",
         )
     vertices, faces = points[0].data, triangles[0].data
     if vertices is None or faces is None:
-        raise InputError("has a point set or triangles without data")
+        raise InputError("missing-data", "has a point set or triangles without data")
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise InputError(f"has arrays of shapes {vertices.shape} and {faces.shape}")
+        raise InputError("wrong-shape", f"has arrays of shapes {vertices.shape} and {faces.shape}")
     if faces.dtype.kind not in "iu":
-        raise InputError("has triangles whose vertex indices are no whole numbers")
+        raise no_whole_numbers("vertex indices")
     meta = _provenance(image)
     vertices = np.asarray(vertices, dtype=np.float64)
     stated = stated_mesh(meta)[0]  # unit before an export in mm
@@ -354,16 +358,16 @@ def _gifti(path: Path) -> Any:
 
     content = path.read_bytes()
     if many := re.search(rb"Dimensionality\s*=\s*.\s*(\d{2,})", content):  # slow in nibabel
-        raise InputError(f"has an array of {printable(many[1].decode(), 20)} dimensions")
+        raise wrong_format(f"has an array of {printable(many[1].decode(), 20)} dimensions")
     untyped: Any = parse_gifti_fast
     parser = untyped.GiftiImageParser()
     try:
         with path.open("rb") as file:  # external data are found by its name
             parser.parse(fptr=file)
     except ExpatError as fault:
-        raise InputError(f"is not the XML of a GIFTI file ({printable(fault)})") from fault
+        raise wrong_format(f"is not the XML of a GIFTI file ({printable(fault)})") from fault
     if parser.img is None:
-        raise InputError("is not a GIFTI file")
+        raise wrong_format("is not a GIFTI file")
     return parser.img
 
 
@@ -380,7 +384,7 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
     indices = image.get_arrays_from_intent("NIFTI_INTENT_NODE_INDEX")
     rows = indices[0].data.astype(np.int64) if indices else None
     if rows is not None and (rows.ndim != 1 or not len(rows) or rows.min() < 0):
-        raise InputError("has an array of vertex indices that are no whole numbers from 0")
+        raise no_whole_numbers("vertex indices")
     alone = (
         sum(array.intent not in map(intent_codes.__getitem__, others) for array in image.darrays)
         == 1
@@ -401,7 +405,7 @@ def _gifti_maps(image: Any, name: str = "") -> Iterator[RawMap]:
         for column in columns:
             labels = (table or _numbered(column)) if of_labels else ()
             if rows is not None and len(rows) != len(column):
-                raise InputError("has another number of vertex indices than of values")
+                raise InputError("counts-differ", "has more or fewer vertex indices than values")
             yield RawMap(own_name, np.ascontiguousarray(column), labels, rows, keep_unused=own)
 
 

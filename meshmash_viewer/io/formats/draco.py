@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError, not_installed
+from meshmash_viewer.errors import cut_short, package_missing, wrong_format
 from meshmash_viewer.io.raw import RawMesh
 
 _FIRST = b"DRACO"
@@ -41,10 +41,10 @@ def draco_content(data: bytes) -> Any:
     try:
         import DracoPy
     except ImportError:
-        raise InputError(f"is read by {not_installed('DracoPy', 'draco')}") from None
+        raise package_missing("is read by", "DracoPy", "draco") from None
     if not data.startswith(_FIRST):
-        raise InputError(f'does not begin with "{_FIRST.decode()}"')
+        raise wrong_format(f'does not begin with "{_FIRST.decode()}"')
     try:
         return DracoPy.decode(data)
     except (ValueError, DracoPy.FileTypeException) as fault:
-        raise InputError("is a Draco file that is cut short or damaged") from fault
+        raise cut_short("is a Draco file that cannot be unpacked") from fault

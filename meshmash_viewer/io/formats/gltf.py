@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, no_whole_numbers, printable, wrong_format
 from meshmash_viewer.io.formats.draco import draco_content
 from meshmash_viewer.io.formats.gltf_file import DRACO, INSTANCING, Entry, GltfFile, scaled
 from meshmash_viewer.io.joining import join_vertices
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, ReadLimits
+from meshmash_viewer.io.raw import AS_SURFACE, MOST_MAPS, REPAIR, RawMap, RawMesh, ReadLimits
 from meshmash_viewer.triangulation import fan_triangles, strip_triangles
 from meshmash_viewer.units import counted
 
@@ -76,7 +76,7 @@ class _Scene:
         unseen = len(self._file.description.get("meshes") or []) - len(shown)
         self._left_out["mesh", "that its scene does not show"] = unseen
         if not placed:
-            raise InputError(self._nothing())
+            raise InputError("no-faces", self._nothing(), AS_SURFACE)
         whole = _concatenated(placed)
         # only names of custom attributes begin with an underscore
         maps = [
@@ -115,7 +115,7 @@ class _Scene:
         while left:
             index, above = left.pop()
             if index in seen:
-                raise InputError(f"contains its node {printable(index, 20)} twice in its scene")
+                raise InputError("given-twice", f"shows its node {printable(index, 20)} twice")
             seen.add(index)
             node = self._file.entry("nodes", index)
             matrix = above @ _matrix(node)
@@ -163,7 +163,7 @@ class _Scene:
             for name, index in (extension.get("attributes") or {}).items()
         }
         if len({len(each) for each in arrays.values()}) != 1:
-            raise InputError(f"has instances whose attributes ({INSTANCING}) differ in number")
+            raise InputError("counts-differ", f"has attributes of {INSTANCING} of unequal lengths")
         return _placements(arrays), _columns(arrays)
 
     def _posed(self, part: _Part, index: object) -> _Part:
@@ -171,7 +171,7 @@ class _Scene:
         skin = self._file.entry("skins", index)
         joints = skin["joints"]
         if any(joint not in self._matrices for joint in joints):
-            raise InputError("has a skin whose joints are not in its scene")
+            raise InputError("missing-data", "has a skin whose joints are not in its scene")
         moves = np.array([self._matrices[joint] for joint in joints])
         if "inverseBindMatrices" in skin:
             inverse = self._file.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
@@ -180,7 +180,7 @@ class _Scene:
         which = np.hstack([part.values[_SKIN[0] + each] for each in sets]).astype(np.int64)
         weights = np.hstack([part.values[_SKIN[1] + each] for each in sets]).astype(np.float64)
         if which.max(initial=0) >= len(moves):
-            raise InputError("has a vertex with a joint that its skin does not have")
+            raise InputError("missing-data", "has a vertex with a joint that its skin lacks")
         blended = np.einsum("nk,nkij->nij", weights, moves[which])
         vertices = np.einsum("nij,nj->ni", blended[:, :3, :3], part.vertices) + blended[:, :3, 3]
         mirrored = np.median(np.linalg.det(blended[:, :3, :3])) < 0.0
@@ -224,11 +224,12 @@ class _Scene:
             if weight and "POSITION" in target:
                 places += weight * self._file.array(target["POSITION"])
         if places.shape[1] != 3:
-            raise InputError("has vertices without three coordinates each")
+            raise InputError("wrong-shape", "has vertices without three coordinates each")
         if any(len(each) != len(places) for each in arrays.values()):
-            raise InputError("has an attribute that has not one value for each vertex")
+            raise InputError("counts-differ", "has an attribute without a value for each vertex")
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(places):
-            raise InputError("has a face whose vertex index is out of range")
+            fault = "has a face whose vertex index is out of range"
+            raise InputError("vertex-out-of-range", fault, REPAIR)
         skin = {name: each for name, each in arrays.items() if name.startswith(_SKIN)}
         return _Part(places, faces, skin | _columns(arrays))
 
@@ -238,7 +239,7 @@ class _Scene:
         if indices is not None:
             found = self._file.array(indices)
             if found.dtype.kind not in "iu" or found.shape[1] != 1:
-                raise InputError("has faces whose vertex indices are no whole numbers")
+                raise no_whole_numbers("vertex indices")
             corners = found[:, 0].astype(np.int64)
         if mode == _TRIANGLES:
             over = len(corners) % 3
@@ -248,7 +249,7 @@ class _Scene:
             return strip_triangles(corners, np.array([len(corners)]))
         if mode == _FAN:
             return fan_triangles(corners, np.array([len(corners)]))
-        raise InputError(f"has a primitive of mode {printable(mode, 20)}, which glTF does not have")
+        raise wrong_format(f"has a primitive of the unknown mode {printable(mode, 20)}")
 
     def _unpacked(
         self, packed: Entry, wanted: Entry
@@ -258,12 +259,12 @@ class _Scene:
         try:
             content = draco_content(data)
         except InputError as fault:
-            raise InputError(f"has a mesh packed by {DRACO} that {fault}") from fault
+            raise fault.of(f"has a mesh packed by {DRACO} that") from fault
         arrays = {}
         for name, index in wanted.items():
             found = content.get_attribute_by_unique_id(packed["attributes"][name])
             if found is None:
-                raise InputError(f"has a mesh packed by {DRACO} that lacks its {name}")
+                raise InputError("missing-data", f"has a mesh packed by {DRACO} without {name}")
             values = np.asarray(found["data"]).reshape(-1, int(found["num_components"]))
             normalized = self._file.entry("accessors", index).get("normalized")
             arrays[name] = scaled(values) if normalized else values

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, no_whole_numbers, printable, wrong_format
 
 #: An object of the description, such as a node.
 Entry: TypeAlias = dict[str, Any]
@@ -55,11 +55,11 @@ class GltfFile:
         except (ValueError, RecursionError):
             self.description = {}
         if not isinstance(self.description, dict) or not self.description:
-            raise InputError("does not hold the JSON that a glTF scene begins with")
+            raise wrong_format("does not hold the JSON that a glTF scene begins with")
         self._loaded: dict[int, bytes | memoryview] = {}
         version = str((self.description.get("asset") or {}).get("version", "2.0"))
         if version.split(".")[0] != "2":
-            raise InputError(f"is of version {printable(version, 20)}, of which only 2 can be read")
+            raise InputError("wrong-version", f"is of version {printable(version, 20)}, not 2")
         required = self.description.get("extensionsRequired") or []
         unknown = [each for each in required if each not in _UNDERSTOOD]
         _refuse([each for each in unknown if not str(each).startswith(_APPEARANCE)])
@@ -80,8 +80,9 @@ class GltfFile:
         entries = self.description.get(kind) or []
         if not isinstance(index, int) or not 0 <= index < len(entries):
             raise InputError(
+                "missing-data",
                 f"names number {printable(index, 20)} of its {kind}, of which it has"
-                f" {len(entries)}, counted from 0"
+                f" {len(entries)}, counted from 0",
             )
         found: Entry = entries[index]
         return found
@@ -95,7 +96,7 @@ class GltfFile:
         dtype, count = _dtype(entry), _whole(entry, "count")
         if entry.get("type") not in _WIDTHS:
             kind = printable(entry.get("type"), 20)
-            raise InputError(f"has an array of type {kind} where numbers should be")
+            raise InputError("wrong-type", f"has an array of type {kind} where numbers should be")
         width = _WIDTHS[entry["type"]]
         if "bufferView" in entry:
             offset = _whole(entry, "byteOffset", 0)
@@ -139,7 +140,7 @@ class GltfFile:
         offset = _whole(given, "byteOffset", 0)
         new = self._rows(given["bufferView"], offset, count, width, values.dtype)
         if kind.kind not in "iu" or (count and not 0 <= int(at.min()) <= at.max() < len(values)):
-            raise InputError("has a sparse array whose indices are out of range")
+            raise InputError("out-of-range", "has a sparse array whose indices are out of range")
         values = values.copy()
         values[at[:, 0]] = new
         return values
@@ -158,7 +159,7 @@ class GltfFile:
                 data = self._own
             else:
                 _refuse([each for each in _PACKED_VIEWS if each in view.get("extensions", {})])
-                raise InputError(f"has no data for its buffer {index}")
+                raise InputError("missing-data", f"has no data for its buffer {index}")
             if len(data) < _whole(entry, "byteLength", 0):
                 raise _shorter()
             self._loaded[index] = data
@@ -176,7 +177,7 @@ class GltfFile:
         for each in names:
             if "\0" not in each and os.path.isfile(self._path.parent / each):
                 return self._path.parent / each
-        raise InputError(f"refers to a file {printable(uri, 60)} that is not next to it")
+        raise InputError("file-not-found", f"lacks the file {printable(uri, 60)} next to it")
 
 
 def scaled(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -190,28 +191,27 @@ def scaled(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def _refuse(extensions: list[Any]) -> None:
     if extensions:
         names = ", ".join(dict.fromkeys(printable(each, 60) for each in extensions))
-        raise InputError(
-            f"requires {names}, which {'is' if len(extensions) == 1 else 'are'} not understood:"
-            f" export it without {'it' if len(extensions) == 1 else 'them'}."
-        )
+        fault = f"requires {names}, which {'is' if len(extensions) == 1 else 'are'} not understood"
+        remedy = f"export it without {'it' if len(extensions) == 1 else 'them'}"
+        raise InputError("not-supported", fault, remedy)
 
 
 def _shorter() -> InputError:
-    return InputError("has a buffer that is shorter than its parts, or damaged")
+    return InputError("file-cut-short", "has a buffer that is shorter than its parts, or damaged")
 
 
 def _whole(entry: Entry, key: str, default: int | None = None) -> int:
     """Return a count, offset or index; `InputError` is raised unless it is an integer from 0 on."""
     value = entry.get(key, default)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise InputError(f"has an entry whose {key} is {printable(value, 30)}, not a whole number")
+        raise no_whole_numbers(f"entries {key} ({printable(value, 30)})")
     return value
 
 
 def _dtype(entry: Entry) -> np.dtype[Any]:
     kind = entry.get("componentType")
     if kind not in _COMPONENTS:
-        raise InputError(f"has an array of numbers of type {printable(kind, 20)}")
+        raise InputError("wrong-type", f"has an array of numbers of type {printable(kind, 20)}")
     return np.dtype(_COMPONENTS[kind])
 
 
@@ -220,13 +220,13 @@ def _content(path: Path) -> tuple[bytes, memoryview | None]:
     data = path.read_bytes()
     if not data.startswith(b"glTF"):
         if path.suffix.lower() == ".glb":
-            raise InputError('does not begin with "glTF"')
+            raise wrong_format('does not begin with "glTF"')
         return data, None
     if len(data) < 12:
-        raise InputError('does not begin with "glTF" and the length of its parts')
+        raise wrong_format('does not begin with "glTF" and the length of its parts')
     version = int.from_bytes(data[4:8], "little")
     if version != 2:
-        raise InputError(f"is of version {version}, of which only 2 can be read")
+        raise InputError("wrong-version", f"is of version {version}, not 2")
     chunks: dict[bytes, memoryview] = {}
     place = 12
     while place + 8 <= len(data):
@@ -234,7 +234,7 @@ def _content(path: Path) -> tuple[bytes, memoryview | None]:
         chunks.setdefault(kind, memoryview(data)[place + 8 : place + 8 + length])
         place += 8 + length
     if next(iter(chunks), b"") != _JSON:
-        raise InputError("does not begin with the description of a scene")
+        raise wrong_format("does not begin with the description of a scene")
     return bytes(chunks[_JSON]), chunks.get(_BIN)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError, not_installed, printable
+from meshmash_viewer.errors import InputError, package_missing, printable
 from meshmash_viewer.io.formats.draco import decode_draco
 from meshmash_viewer.io.raw import RawMap, RawMesh, vertex_indices
 from meshmash_viewer.units import counted
@@ -22,19 +22,19 @@ def read_meshparty(path: Path) -> RawMesh:
     try:
         import h5py
     except ImportError:
-        raise InputError(f"is read by {not_installed('h5py', 'neuro')}") from None
+        raise package_missing("is read by", "h5py", "neuro") from None
     try:
         with h5py.File(path, "r") as file:
             group = _group_of_mesh(file)
             held = {name: group[name][()] for name in _KNOWN if _is_array(group.get(name))}
     except OSError as fault:
-        raise InputError("is no HDF5 file, or cut short") from fault
+        raise InputError("file-cut-short", "is no HDF5 file, or cut short") from fault
     if "draco" in held:
         raw = decode_draco(np.asarray(held["draco"]).tobytes())
     elif "vertices" in held and "faces" in held:
         raw = RawMesh(_rows(held["vertices"], "vertices"), _rows(held["faces"], "faces"))
     else:
-        raise InputError("holds neither vertices and faces nor a mesh packed by Draco")
+        raise InputError("missing-data", "holds neither vertices and faces nor a Draco mesh")
     maps, remarks = [], []
     if n_links := len(held.get("link_edges", ())):
         remarks.append(f"holds {counted(n_links, 'link edge')}, which no surface has, left out")
@@ -56,7 +56,8 @@ def _group_of_mesh(file: Any) -> Any:
     found = [each for each in groups if "draco" in each or {"vertices", "faces"} <= {*each}]
     if len(found) > 1 and found[0] is not file:
         names = printable(", ".join(each.name for each in found), 100)
-        raise InputError(f"holds meshes in {len(found)} groups ({names})")
+        fault = f"holds meshes in {len(found)} groups ({names})"
+        raise InputError("ambiguous-content", fault, "write each mesh to a file of its own")
     return next(iter(found), file)
 
 
@@ -68,6 +69,6 @@ def _is_array(entry: Any) -> bool:
 def _rows(values: Any, name: str) -> Any:
     """Return values as rows of three numbers; some files store faces in a flat array."""
     if values.dtype.kind not in "fiu" or values.size % 3 or values.shape[1:] not in ((), (3,)):
-        raise InputError(f"has {name} that are not rows of three numbers")
+        raise InputError("wrong-shape", f"has {name} that are not rows of three numbers")
     rows = values.reshape(-1, 3)
     return rows.astype(np.float64) if name == "vertices" else vertex_indices(rows)

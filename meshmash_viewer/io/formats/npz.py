@@ -11,7 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.arrays import IntArray
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import (
+    InputError,
+    cut_short,
+    no_whole_numbers,
+    printable,
+    wrong_format,
+    wrong_shape,
+)
 from meshmash_viewer.io.condensed import DOMAINS, condensed_columns
 from meshmash_viewer.io.provenance import second_file, stated_columns, stated_mesh
 from meshmash_viewer.io.raw import (
@@ -24,6 +31,7 @@ from meshmash_viewer.io.raw import (
     maps_of_columns,
     most_maps,
     row_per_vertex,
+    too_many_maps,
 )
 from meshmash_viewer.triangulation import triangulate
 from meshmash_viewer.vertex_map import Label
@@ -67,9 +75,9 @@ def read_npz(path: Path) -> RawMesh:
         wide: list[str] = []
         maps, remarks = most_maps(list(_maps(archive, len(vertices), wide)))
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
-        raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
+        raise wrong_shape("Vertices", vertices.shape, "numbers of shape (n, 3)")
     if faces.dtype.kind not in "fiu" or np.any(faces != np.floor(faces)):
-        raise InputError(f"has faces of {faces.dtype} numbers, not whole ones")
+        raise no_whole_numbers(f"faces of {faces.dtype}")
     vertices = vertices.astype(np.float64)
     triangles = triangulate(vertices, *_polygons(faces.astype(np.int64), len(vertices)))
     unit, structure = stated_mesh(meta)
@@ -103,7 +111,7 @@ def _polygons(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
     if faces.ndim == 1:
         return _listed_polygons(faces)
     if faces.ndim != 2 or faces.shape[1] < 3:
-        raise InputError(f"has faces of shape {faces.shape}, not (m, 3) whole numbers")
+        raise wrong_shape("Faces", faces.shape, "whole numbers of shape (m, 3)")
     width = faces.shape[1] - 1
     counts = np.full(len(faces), width + 1, dtype=np.int64)
     if width < 3 or not np.all(faces[:, 0] == width):
@@ -113,8 +121,10 @@ def _polygons(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
         return faces[:, 1:].ravel(), counts - 1
     if len(faces) > 1:
         raise InputError(
+            "ambiguous-content",
             f"has faces that all begin with {width}, which may be their number of corners as in"
-            " pyvista, or a vertex that all of them share; leave the number out"
+            " pyvista, or a vertex that all of them share",
+            "leave the number out",
         )
     return faces.ravel(), counts
 
@@ -124,10 +134,10 @@ def _listed_polygons(cells: IntArray) -> tuple[IntArray, IntArray]:
     while place < len(cells):
         counts.append(int(cells[place]))
         if counts[-1] < 3:
-            raise InputError("has faces that are no list of polygons, each after its number")
+            raise wrong_format("has faces that are no list of polygons, each after its number")
         place += counts[-1] + 1
     if place > len(cells):
-        raise InputError("has a list of faces that ends within one, so it was cut short")
+        raise cut_short("has a list of faces that ends within one")
     is_corner = np.ones(len(cells), dtype=np.bool_)
     many = np.array(counts, dtype=np.int64)
     is_corner[np.cumsum(many + 1) - many - 1] = False
@@ -141,7 +151,7 @@ def npy_maps(path: Path) -> RawMesh:
     except ValueError as fault:
         raise _of_objects("an array", fault) or fault from fault
     if values.ndim not in (1, 2):
-        raise InputError(f"has shape {values.shape}, which is not one number per vertex")
+        raise wrong_shape("Values", values.shape, "one number per vertex")
     if values.dtype.names and values.ndim == 1:
         return maps_alone(RawMap(name, values[name].copy()) for name in values.dtype.names)
     if values.ndim == 1:
@@ -149,7 +159,7 @@ def npy_maps(path: Path) -> RawMesh:
     values = row_per_vertex(values)
     count = values.shape[1]
     if count > MOST_MAPS:
-        raise InputError(f"has {count:,} columns, of which {MOST_MAPS} can be taken at most")
+        raise too_many_maps(count)
     meta = second_file(path)
     names = stated_columns(meta)
     if len(names) != count:
@@ -166,15 +176,16 @@ def npz_maps(path: Path) -> RawMesh:
             )
         if {"nodes", "edges"} <= set(archive.files):
             raise InputError(
+                "no-values",
                 "holds a graph of domains, which View › Graph of labels draws once the features of"
-                " these domains (X and labels) are open"
+                " these domains (X and labels) are open",
             )
         wide: list[str] = []
         maps, meta = tuple(_maps(archive, None, wide)), _provenance(archive)
         names = printable(", ".join(archive.files) or "nothing")
     if not maps:
         none = f"holds {names}, of which none has one number per vertex"
-        raise InputError(wide[0] if wide else none)
+        raise InputError("no-values", wide[0] if wide else none)
     return maps_alone(maps, tuple(wide), meta)
 
 
@@ -273,24 +284,24 @@ def _mesh_archive(path: Path) -> Any:
     if not _mesh_names(archive.files):
         archive.close()
         names = printable(", ".join(archive.files) or "nothing")
-        raise InputError(f"holds {names}, not arrays called vertices and faces")
+        raise InputError("missing-data", f"holds {names}, not arrays called vertices and faces")
     return archive
 
 
 def _opened(path: Path) -> Any:
     if not zipfile.is_zipfile(path):
-        raise InputError("is not an NPZ archive")
+        raise wrong_format("is not an NPZ archive")
     try:
         return np.load(path)
     except (zipfile.BadZipFile, OSError, ValueError) as fault:
-        raise InputError("is an archive whose table of contents is damaged") from fault
+        raise InputError("file-damaged", "has a damaged table of contents") from fault
 
 
 def _array(archive: Any, name: str) -> npt.NDArray[Any]:
     try:
         return np.asarray(archive[name])
     except Exception as fault:  # the parsers raise various types
-        damaged = InputError(f"has an array {name} that is damaged or cut short")
+        damaged = InputError("file-damaged", f"has an array {name} that is damaged or cut short")
         raise _of_objects(f"an array {name}", fault) or damaged from fault
 
 
@@ -298,4 +309,5 @@ def _of_objects(array: str, fault: Exception) -> InputError | None:
     """Return the error for an array of Python objects; None for other errors of NumPy."""
     if "Object arrays" not in str(fault):
         return None
-    return InputError(f"has {array} of Python objects")
+    what = f"has {array} of Python objects"
+    return InputError("wrong-type", what, "save it with a type of numbers")

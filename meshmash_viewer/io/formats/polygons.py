@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from meshmash_viewer.arrays import FloatArray, IntArray
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, cut_short, printable, wrong_format
 from meshmash_viewer.io.joining import join_vertices
 from meshmash_viewer.io.provenance import (
     names_of_properties,
@@ -22,7 +22,14 @@ from meshmash_viewer.io.provenance import (
     stated_labels,
     stated_mesh,
 )
-from meshmash_viewer.io.raw import RawMap, RawMesh, maps_of_columns, most_maps, vertex_indices
+from meshmash_viewer.io.raw import (
+    REPAIR,
+    RawMap,
+    RawMesh,
+    maps_of_columns,
+    most_maps,
+    vertex_indices,
+)
 from meshmash_viewer.io.text import (
     Columns,
     CutShort,
@@ -56,29 +63,28 @@ def read_off(path: Path) -> RawMesh:
         data = re.sub(rb"#[^\n]*", b"", data)
     header = _OFF_HEADER.match(data)
     if header is None:
-        raise InputError('does not begin with "OFF"')
+        raise wrong_format('does not begin with "OFF"')
     if header[2]:
-        raise InputError("is a binary OFF file, of which only the text kind can be read")
+        raise InputError("not-supported", "is a binary OFF file", "write it as text")
     if b"4" in header[1] or header[1].endswith(b"nOFF"):
-        raise InputError(
-            f"is an OFF file of another dimension ({header[1].decode()}): only vertices with three"
-            " coordinates can be read"
-        )
+        what = f"is an OFF file of another dimension ({header[1].decode()})"
+        raise InputError("not-supported", what, "write x, y and z of each vertex")
     try:
         numbers, counts = parse_rows(data[header.end() :], np.float64)
     except NotANumber as fault:
         raise fault.in_line(data.count(b"\n", 0, header.end()) + fault.line + 1) from None
     counts = counts[counts > 0]
     if len(numbers) < 2:
-        raise InputError("does not state how many vertices and faces it holds")
+        raise wrong_format("does not state how many vertices and faces it holds")
     # the third number, of edges, is ignored; some programs omit it
     stated = 2 if counts[0] == 2 else 3
     promised = numbers[:2]
     rest = np.diff(np.maximum(np.cumsum(counts) - stated, 0), prepend=0)
     rest = rest[rest > 0]
     lacking = InputError(
+        "counts-differ",
         f"promises {promised[0]:.15g} vertices and {promised[1]:.15g} faces but has"
-        f" {len(rest)} lines after that"
+        f" {len(rest)} lines after that",
     )
     if not np.all((promised >= 0) & (promised == np.floor(promised)) & (promised < 2.0**53)):
         raise lacking
@@ -118,7 +124,7 @@ def read_obj(path: Path) -> RawMesh:
     lines = Lines(_OBJ_NOT_READ.sub(b"", text))
     vertex_lines, face_lines = lines.beginning_with(b"v"), lines.beginning_with(b"f")
     if not len(vertex_lines):
-        raise InputError("holds no vertex line (v x y z)")
+        raise InputError("no-vertices", "holds no vertex line (v x y z)")
     vertices = _obj_vertices(lines, vertex_lines)
     before = np.searchsorted(vertex_lines, face_lines)
     corners, counts = _obj_faces(lines, face_lines, before, len(vertices))
@@ -143,14 +149,16 @@ def _ends_within_line(text: bytes, counts: IntArray) -> bool:
 def _obj_vertices(lines: Lines, which: IntArray) -> FloatArray:
     numbers, counts = lines.rows(which, b"v", np.float64)
     if counts.min() < 3:
-        line = which[counts.argmin()]
-        raise lines.fault("has a vertex with fewer than three coordinates", line)
+        fault = lines.fault(
+            "has a vertex with fewer than three coordinates", which[counts.argmin()]
+        )
+        raise InputError("wrong-shape", fault)
     first = np.cumsum(counts) - counts
     vertices = np.column_stack([numbers[first], numbers[first + 1], numbers[first + 2]])
     broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(broken):
-        vertex = counted(len(broken), "vertex")
-        raise lines.fault(f"has {vertex} with a coordinate that is not finite", which[broken[0]])
+        fault = f"has {counted(len(broken), 'vertex')} with a coordinate that is not finite"
+        raise InputError("not-finite", lines.fault(fault, which[broken[0]]), REPAIR)
     return vertices
 
 
@@ -160,22 +168,23 @@ def _obj_faces(
     """Return the corners of all faces, counted from 0, and the number of corners of each face."""
     given, counts = lines.rows(which, b"f", np.int64)
     if not counts.all():
-        raise lines.fault("has a face line without corners", which[counts.argmin()])
+        fault = lines.fault("has a face line without corners", which[counts.argmin()])
+        raise InputError("wrong-shape", fault)
     line, before = np.repeat(which, counts), np.repeat(vertices_before, counts)
     if np.any(given == 0):
         fault = "has a face with vertex index 0, though OBJ counts from 1"
-        raise lines.fault(fault, line[given == 0][0])
+        raise InputError("vertex-out-of-range", lines.fault(fault, line[given == 0][0]))
     if np.any(given < -before):
         fault = "has a face that counts back to before the first vertex"
-        raise lines.fault(fault, line[given < -before][0])
+        raise InputError("vertex-out-of-range", lines.fault(fault, line[given < -before][0]))
     corners = np.where(given < 0, before + given, given - 1)
     outside = np.flatnonzero(corners >= n_vertices)
     if len(outside):
-        raise lines.fault(
+        fault = (
             f"has {counted(len(np.unique(line[outside])), 'face')} with a vertex index out of"
-            f" range, the first being vertex {given[outside[0]]} of {n_vertices}",
-            line[outside[0]],
+            f" range, the first being vertex {given[outside[0]]} of {n_vertices}"
         )
+        raise InputError("vertex-out-of-range", lines.fault(fault, line[outside[0]]), REPAIR)
     return corners, counts
 
 
@@ -211,7 +220,7 @@ def read_stl(path: Path) -> RawMesh:
         faces = triangulate(corners, np.arange(len(corners)), counts)
     vertices, joined, _ = join_vertices(corners, faces)
     if len(faces) and not len(joined):
-        raise InputError("has no triangle left after equal vertices were merged")
+        raise InputError("no-faces", "has no triangle left after equal vertices were merged")
     return RawMesh(vertices, joined)
 
 
@@ -241,25 +250,28 @@ def _binary_corners(data: bytes) -> FloatArray:
         header = next((each for each in lengths if _stated_count(data, each)), header)
     count, room = _stated_count(data, header), len(data) - header - 4
     if room < 0:
-        raise InputError("is too short for an STL file")
+        raise InputError("file-cut-short", "is too short for an STL file")
     there, more = divmod(room, _STL_RECORD.itemsize)
     if count in _UNKNOWN_COUNTS and room:
         if more:
             raise InputError(
+                "file-cut-short",
                 f"does not state how many triangles it holds, and ends {more} bytes after the"
-                f" {there:,} there are, so it was cut short or is no STL"
+                f" {there:,} there are, so it was cut short or is no STL",
+                "copy or export it again",
             )
         count = there
     if count > there:
         raise InputError(
-            f"promises {count} triangles but ends after {there}, so it was cut short or is no STL"
+            "file-cut-short",
+            f"promises {count} triangles but ends after {there}, so it was cut short or is no STL",
+            "copy or export it again",
         )
     every = np.frombuffer(data, _STL_RECORD, there, header + 4)["corners"].astype(np.float64)
     corners, others = every[:count], every[count:]
     if count and len(others) and _are_near(others, corners):
-        raise InputError(
-            f"promises {count:,} triangles but holds {there:,}, so one of the two is wrong"
-        )
+        fault = f"promises {count:,} triangles but holds {there:,}, so one of the two is wrong"
+        raise InputError("counts-differ", fault)
     return corners.reshape(-1, 3)
 
 
@@ -296,19 +308,18 @@ def _corners_by_lines(text: bytes) -> tuple[FloatArray, IntArray]:
     counts = np.bincount(which[which >= 0], minlength=len(begun))
     follow = len(begun) == len(ended) and np.all(begun < ended) and np.all(ended[:-1] < begun[1:])
     if not follow or counts.min(initial=3) < 3:
-        raise InputError(
-            f"begins {len(begun)} triangles and ends {len(ended)}, not each with its three"
-            " corners, so it was cut short"
+        raise cut_short(
+            f"begins {len(begun)} triangles and ends {len(ended)}, not each with its three corners"
         )
     last = np.append(ended, lines.beginning_with(b"end", b"solid")).max(initial=-1)
     if lines.last() > last:
-        raise InputError(
+        raise cut_short(
             f"ends in line {lines.number(lines.last())} after its last triangle and before its last"
-            " line (endsolid), so it was cut short"
+            " line (endsolid)"
         )
     numbers, each = lines.rows(vertices, b"vertex", np.float64)
     if np.any(each != 3):
-        raise InputError("has a vertex without exactly three coordinates")
+        raise InputError("wrong-shape", "has a vertex without exactly three coordinates")
     return numbers.reshape(-1, 3), counts
 
 
@@ -350,13 +361,14 @@ def read_ply(path: Path) -> RawMesh:
             columns_of.setdefault(element.name, []).append(columns)
     of_vertices = columns_of.get("vertex", [])
     if len(of_vertices) != 1:
-        raise InputError("has two elements 'vertex'" if of_vertices else "has no vertices")
+        fault = "has two elements 'vertex'" if of_vertices else "has no vertices"
+        raise InputError("no-vertices", fault)
     of_vertex = of_vertices[0]
     if "x" not in of_vertex:  # some programs write X, Y and Z
         of_vertex = {name.lower() if name in "XYZ" else name: of_vertex[name] for name in of_vertex}
     axes = [of_vertex.get(axis) for axis in "xyz"]
     if any(axis is None or isinstance(axis, tuple) for axis in axes):
-        raise InputError("has vertices without x, y and z")
+        raise InputError("no-vertices", "has vertices without x, y and z")
     vertices = np.column_stack(axes).astype(np.float64)  # type: ignore[arg-type]
     maps, remarks = _ply_maps(of_vertex, names_of_properties(meta), stated_labels(meta))
     of_faces = [name for columns in columns_of.get("face", []) for name in columns]
@@ -413,7 +425,7 @@ def _text_body(elements: list[Element], data: bytes, start: int) -> list[Columns
 def _binary_body(elements: list[Element], data: bytes, start: int) -> list[Columns]:
     columns, end = take_rows(elements, np.frombuffer(data, dtype=np.uint8, offset=start))
     if more := len(data[start + end :].rstrip(b"\0\t\n\r\x1a ")):
-        raise InputError(f"holds {more:,} bytes more than its header describes")
+        raise InputError("counts-differ", f"holds {more:,} bytes more than its header describes")
     return columns
 
 
@@ -421,7 +433,7 @@ def _ply_corners(columns: Columns) -> tuple[IntArray, IntArray]:
     """Return the corners of all faces, and the number of corners of each face."""
     corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
     if not isinstance(corners, tuple):
-        raise InputError("has faces without a list of vertex indices")
+        raise InputError("missing-data", "has faces without a list of vertex indices")
     return vertex_indices(corners[0]), corners[1]
 
 
@@ -435,10 +447,10 @@ def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntA
 def _ply_split_header(data: bytes) -> tuple[bytes, int]:
     """Return the header without its last line, and the position of the first byte after it."""
     if not re.match(rb"ply[ \t]*[\r\n]", data, re.IGNORECASE):
-        raise InputError('does not begin with "ply"')
+        raise wrong_format('does not begin with "ply"')
     end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\n|\r)", data)
     if end is None:
-        raise InputError("has a header without an end")
+        raise wrong_format("has a header without an end")
     start = end.end()
     if end[1] == b"\r\n" and b"\n" not in data[: end.start() + 1]:
         start -= 1  # lines end in \r alone; the \n is a byte of the first number
@@ -451,7 +463,7 @@ def _ply_parse_header(data: bytes) -> tuple[bool, list[Element], int]:
     lines = [line.split() for line in header.decode("latin-1").splitlines()[1:]]
     order = next((_PLY_ORDERS.get(line[1]) for line in lines if line[:1] == ["format"]), None)
     if order is None:
-        raise InputError("has a header without the format line of a PLY file")
+        raise wrong_format("has a header without the format line of a PLY file")
     elements: list[Element] = []
     for words in lines:
         try:
@@ -469,7 +481,7 @@ def _ply_parse_header(data: bytes) -> tuple[bool, list[Element], int]:
                     raise ValueError
         except (ValueError, KeyError, IndexError):
             line = printable(" ".join(words), 60)
-            raise InputError(f"has a header line that PLY does not know, {line!r}") from None
+            raise wrong_format(f"has a header line that PLY does not know, {line!r}") from None
     return not order, elements, start
 
 

@@ -15,9 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, printable, wrong_format
 from meshmash_viewer.io.provenance import second_file
-from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, are_ascending_indices, maps_alone
+from meshmash_viewer.io.raw import (
+    MOST_MAPS,
+    RawMap,
+    RawMesh,
+    are_ascending_indices,
+    maps_alone,
+    too_many_maps,
+)
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import COLOR, Label
 
@@ -68,10 +75,9 @@ def _check_integers(path: Path, first: pyarrow.ChunkedArray, second: pyarrow.Chu
         return
     widths = {len(str(end)) for end in (second.to_numpy().min(), second.to_numpy().max())}
     if len(widths) == 1 and min(widths) > 1 and not (np.diff(first.to_numpy()) > 0).all():
-        raise InputError(
-            "has lines of one number with a decimal comma, or of two whole numbers: write decimals"
-            " with a point, or separate columns by a semicolon"
-        )
+        fault = "has lines of one number with a decimal comma, or of two whole numbers"
+        remedy = "write decimals with a point, or separate columns by a semicolon"
+        raise InputError("wrong-format", fault, remedy)
 
 
 def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
@@ -104,7 +110,7 @@ def text_table(path: Path, most: int | None = None) -> pyarrow.Table:
             convert.column_types = dict.fromkeys(_TEXTS, pyarrow.string())
             found = table()
     except pyarrow.ArrowInvalid as fault:
-        raise InputError(f"is no table ({printable(fault)})") from fault
+        raise wrong_format(f"is no table ({printable(fault)})") from fault
     named = zip(found.column_names, found.columns, strict=True)
     if wide := [name for name, column in named if _is_wide(column)]:
         convert.column_types = {**convert.column_types, **dict.fromkeys(wide, pyarrow.uint64())}
@@ -121,7 +127,7 @@ def parquet_maps(path: Path) -> RawMesh:
 
     table = plain_table(pyarrow.parquet.read_table(path, use_threads=False))
     if {"mesh", "output", "proof"} <= set(table.column_names):
-        raise InputError("is the manifest of a command, with a row for each mesh")
+        raise wrong_format("is the manifest of a command, with a row for each mesh")
     said = (table.schema.metadata or {}).get(b"meshmash-viewer", b"")
     return replace(_maps(table), meta=said.decode("utf-8", "replace"))
 
@@ -257,7 +263,7 @@ def _maps(table: pyarrow.Table) -> RawMesh:
         try:
             values = _numbers(column)
         except InputError as fault:
-            left_out.append(f"{printable(name, 60)!r} ({fault})")
+            left_out.append(f"{printable(name, 60)!r} ({fault.clause})")
             continue
         if not counts_rows(name, values) or table.num_columns == 1:
             columns.append((name, values))
@@ -274,14 +280,15 @@ def _maps(table: pyarrow.Table) -> RawMesh:
     ]
     if not found:
         columns_said = printable(", ".join(left_out), 200) if left_out else "it has no columns"
-        raise InputError(f"has no column of numbers: {columns_said}")
+        raise InputError("no-values", "has no column of numbers", f"{columns_said}")
     if len(found) > MOST_MAPS >= table.num_rows:
         raise InputError(
+            "counts-differ",
             f"has {counted(table.num_rows, 'row')} of {len(found):,} numbers and needs a row for"
-            " each vertex, so transpose it"
+            " each vertex, so transpose it",
         )
     if len(found) > MOST_MAPS:
-        raise InputError(f"has {len(found):,} columns, of which {MOST_MAPS} can be taken at most")
+        raise too_many_maps(len(found))
     said = f"has columns that are left out: {', '.join(left_out)}"
     return maps_alone(found, (said,) if left_out else ())
 
@@ -342,16 +349,13 @@ def _one_of_each(
     places = np.searchsorted(numbers[first], numbers)
     other = np.flatnonzero(codes != codes[first][places])
     if len(other):
-        raise InputError(
-            f"Map 'label' has two texts in the column {part} for the label"
-            f" {numbers[other[0]]:g}: give each label one."
-        )
+        what = f"Map 'label' has two texts in the column {part} for the label {numbers[other[0]]:g}"
+        raise InputError("given-twice", what, "give each label one")
     texts = [None if text is None else str(text) for text in coded.dictionary.to_pylist()]
     wrong = [text for text in texts if text and part != "name" and not COLOR.fullmatch(text)]
     if wrong:
-        raise InputError(
-            f"Map 'label' has the colour {printable(wrong[0], 30)!r}: write it as #rrggbb."
-        )
+        fault = f"Map 'label' has the colour {printable(wrong[0], 30)!r}"
+        raise InputError("wrong-color", fault, "write it as #rrggbb")
     return [texts[code] if code >= 0 else None for code in codes[first].tolist()]
 
 
@@ -368,7 +372,7 @@ def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
 
     kind = column.type
     if types.is_null(kind) or column.null_count == len(column):
-        raise InputError("it is empty")
+        raise InputError("no-values", "it is empty")
     if types.is_boolean(kind):
         column = column.cast(pyarrow.uint8())
     elif types.is_decimal(kind) or types.is_float16(kind):
@@ -376,11 +380,11 @@ def _numbers(column: pyarrow.ChunkedArray) -> npt.NDArray[Any]:
     elif not (types.is_integer(kind) or types.is_floating(kind)):
         texts = [str(each) for each in column.to_pylist() if each is not None]
         example = next((each for each in texts if not _is_number(each)), texts[0])
-        raise InputError(f"not numbers, such as {printable(example, 30)!r}")
+        raise InputError("not-a-number", f"not numbers, such as {printable(example, 30)!r}")
     if types.is_integer(kind) and column.null_count:
         largest = max(map(abs, pyarrow.compute.min_max(column).as_py().values()))
         if largest > 2**53:  # NumPy has no missing integers
-            raise InputError(f"{largest} would be rounded, since numbers are missing")
+            raise InputError("not-exact", f"{largest} would be rounded, as numbers are missing")
     values: npt.NDArray[Any] = column.to_numpy()
     return values
 
@@ -392,10 +396,11 @@ def _rows(
     if not named:
         return None, None
     if len(named) > 1:
-        raise InputError(f"has {len(named)} columns called vertex")
+        raise InputError("given-twice", f"has {len(named)} columns called vertex")
     order = np.argsort(named[0], kind="stable").astype(np.int64)
     rows = named[0][order]
     if not are_ascending_indices(rows):
-        raise InputError("has a column vertex that is not an index from 0 in each row, once")
+        fault = "has a column vertex that is not an index from 0 in each row, once"
+        raise InputError("vertex-out-of-range", fault)
     all_of_them = not len(rows) or rows[-1] < len(rows)
     return order, None if all_of_them else rows.astype(np.int64)

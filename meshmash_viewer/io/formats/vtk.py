@@ -16,7 +16,7 @@ from urllib.parse import unquote
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, printable, wrong_format
 from meshmash_viewer.io.provenance import stated_mesh
 from meshmash_viewer.io.raw import MOST_MAPS, RawMap, RawMesh, maps_of_columns
 from meshmash_viewer.io.text import unmarked
@@ -55,7 +55,7 @@ def read_vtk_xml(path: Path) -> RawMesh:
     readers = (vtkXMLPolyDataReader(), vtkXMLUnstructuredGridReader())
     reader = next((each for each in readers if each.CanReadFile(str(path))), None)
     if b"<VTKFile" not in content[:10_000] or reader is None:
-        raise InputError("is not a VTK XML file of polygons or an unstructured grid")
+        raise wrong_format("is not a VTK XML file of polygons or an unstructured grid")
     most = _VALUES_PER_BYTE * len(content)
     _check_counts(content, rb'NumberOf(\w+)\s*=\s*"\s*(\d+)', most)
     return _from_polydata(_surface(_output(reader, path)))
@@ -71,7 +71,7 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     whole = path.read_bytes()
     content = unmarked(whole)
     if not content.startswith(b"# vtk DataFile"):
-        raise InputError('does not begin with "# vtk DataFile"')
+        raise wrong_format('does not begin with "# vtk DataFile"')
     _check_counts(content, _LEGACY_COUNTS, len(content))
     content = _with_names_apart(content)
     reader: Any = vtkGenericDataObjectReader()
@@ -88,14 +88,14 @@ def _surface(output: Any) -> Any:
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
 
     if output is None:
-        raise InputError("holds no data set that VTK can read")
+        raise wrong_format("holds no data set that VTK can read")
     if output.IsA("vtkUnstructuredGrid"):
         surface = vtkGeometryFilter()
         surface.SetInputData(output)
         surface.Update()
         output = surface.GetOutput()
     if not output.IsA("vtkPolyData"):
-        raise InputError(f"holds a {output.GetClassName()} where a surface should be")
+        raise InputError("no-faces", f"holds a {output.GetClassName()} where a surface should be")
     return output
 
 
@@ -104,9 +104,10 @@ def _check_counts(content: bytes, pattern: bytes, most: int) -> None:
     for found in re.finditer(pattern, content):
         if len(found[2]) > 18 or int(found[2]) > most:
             raise InputError(
+                "file-cut-short",
                 f"promises {printable(found[2].decode(), 24)}"
-                f" {printable(found[1].decode('latin-1').lower(), 40)},"
-                " which a file of its size cannot hold"
+                f" {printable(found[1].decode('latin-1').lower(), 40)}, which a file of its size"
+                " cannot hold",
             )
 
 
@@ -127,13 +128,13 @@ def _output(reader: Any, path: Path) -> Any:
             if line.strip() and not re.match(r"(ERROR|Warning|Generic Warning): In ", line)
         ]
         detail = clauses[0] if clauses else f"error {reader.GetErrorCode()}"
-        raise InputError(f"is not readable by VTK ({printable(detail)})")
+        raise InputError("not-readable", f"is not readable by VTK ({printable(detail)})")
     return reader.GetOutput()
 
 
 def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None) -> RawMesh:
     if output is None or output.GetPoints() is None:
-        raise InputError("holds no vertices")
+        raise InputError("no-vertices", "holds no vertices")
     vertices, triangles = polydata_triangles(output)
     field = output.GetFieldData().GetAbstractArray("meshmash-viewer")
     meta = str(field.GetValue(0)) if field is not None and field.GetNumberOfValues() else ""
