@@ -65,6 +65,8 @@ def misnamed(path: Path, ending: str) -> InputError | None:
             beginning = file.read(_BEGINNING).removeprefix(codecs.BOM_UTF8)
     except (OSError, EOFError, zlib.error):
         beginning = b""
+    if ending == ".gltf" and beginning.lstrip()[:1] in (b"{", b"["):
+        return None  # the word "asset" may be anywhere in its JSON
     kinds = (each for each in _SIGNATURES if re.match(each[0], beginning, re.DOTALL))
     _, kind, remedy = next(kinds, (b"", "", ("",)))
     if isinstance(remedy, str):
