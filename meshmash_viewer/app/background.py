@@ -301,7 +301,11 @@ class Tasks(QObject):
         if isinstance(self.job, ReadJob) and self._document.following:
             names = ", ".join(path.name for path in self._document.following)
             failure = replace(failure, text=f"{failure.text} Not opened either: {names}.")
-        self._end(notice_of(failure))
+        notice, job = notice_of(failure), self.job
+        if isinstance(job, PiecesJob) and failure.code == "seams-differ":
+            accepted = partial(self._document.work.request, replace(job, accept_seams=True))
+            notice = replace(notice, action=accepted, button="Accept the seams")
+        self._end(notice)
 
     def _on_cancelled(self, _: None) -> None:
         job, spectrum = self.job, self._document.spectrum

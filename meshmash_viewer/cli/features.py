@@ -111,7 +111,12 @@ def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) 
         options.accept_seams,
     )
     with watched(mesh) as callbacks:
-        report = job.write(**callbacks)
+        try:
+            report = job.write(**callbacks)
+        except InputError as fault:
+            if fault.code != "seams-differ":
+                raise
+            raise InputError(fault.code, f"{fault.fault} (--accept-seams)") from None
     return report, f"{path}: {described_seams(report)}"
 
 

@@ -104,6 +104,8 @@ class Failure:
     details: str = ""
     #: Whether the input or the machine caused the failure, not a defect of the program.
     correctable: bool = False
+    #: The `InputError.code`, if any.
+    code: str = ""
 
 
 #: Remedies for exceptions of the operating system, by error number.
@@ -129,7 +131,7 @@ def failure_of(fault: BaseException, doing: str = "") -> Failure:
     while isinstance(fault, EmitLoopError) and fault.__cause__ is not None:
         fault = fault.__cause__  # raised by a slot connected to the model
     if isinstance(fault, InputError):
-        return Failure(str(fault), correctable=True)
+        return Failure(str(fault), correctable=True, code=fault.code)
     if missing := missing_module(fault):
         return Failure(str(package_missing("This needs", missing)), correctable=True)
     details = "".join(traceback.format_exception(fault))

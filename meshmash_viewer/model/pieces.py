@@ -84,7 +84,7 @@ class PiecesJob:
     #: Client of a Dask scheduler, see `MeshStitcher`.
     client: Any = None
     #: Whether features are written that differ at seams by more than a tenth in the median.
-    accept_seams: bool = True
+    accept_seams: bool = False
 
     @property
     def label(self) -> str:
@@ -150,8 +150,8 @@ class PiecesJob:
         whole = task.on(stitcher, done, progress=progress, cancel=cancel)
         values, truncation, seams, median = whole
         if not self.accept_seams and median.max(initial=0.0) > _ACCEPTED:
-            remedy = "take fewer pieces, solve the whole, or accept the seams (--accept-seams)."
-            raise InputError(seam_sentence(bank.columns, median, remedy))
+            remedy = "take fewer pieces, solve the whole, or accept the seams"
+            raise InputError("seams-differ", seam_sentence(bank.columns, median, remedy))
         found = {
             "pieces": len(stitcher.pieces),
             "largest_piece": max(len(piece) for piece in stitcher.pieces),

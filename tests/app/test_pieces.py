@@ -118,10 +118,21 @@ def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) ->
     grown: list[int] = []
 
     def note() -> None:
-        grown.append(int(np.count_nonzero(np.isfinite(window.document.mesh.maps[-1].values))))
+        for each in window.document.mesh.maps:  # none after a refusal
+            grown.append(int(np.count_nonzero(np.isfinite(each.values))))
 
     window.document.spectrum_changed.connect(note)
     begin(window, path, kind, 3)
+    if kind == "band":  # bands reach farther than a piece
+        bar = window.stage.message_bar
+        wait_for(lambda: bar.notice is not None and "accept the seams." in bar.notice.text)
+        assert bar.notice.severity is Severity.ERROR
+        assert not list(tmp_path.iterdir())
+        assert not window.document.mesh.maps
+        grown.clear()
+        button = part(bar, QPushButton, "message_action")
+        assert button.text() == "Accept the seams"
+        QTest.mouseClick(button, LEFT)
     wait_for(lambda: window.document.work.job is None and path.exists())
     window.wait(60.0)
     window.document.spectrum_changed.disconnect(note)
@@ -139,7 +150,7 @@ def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) ->
     assert isinstance(field.family, OwnMaps)
     np.testing.assert_allclose(field.values, wanted[:, 4 if kind == "hks" else 3], rtol=1e-6)
     notice = window.stage.message_bar.notice
-    # heat kernels do not reach the cuts; bands reach farther than a piece
+    # heat kernels do not reach the cuts
     flagged = "by more than 1 % in the median where pieces meet" in notice.text
     assert flagged == (kind == "band")
     assert notice.severity is (Severity.WARNING if flagged else Severity.INFORMATION)

@@ -211,7 +211,7 @@ def test_the_map_of_features_in_pieces_is_the_chosen_column(tmp_path: Path) -> N
     )
     family = EXPORTS["geometry-vectors"].exported(5, index=2)
     path = tmp_path / "out.npz"
-    PiecesJob(mesh, path, family, 3, Target("count", 30), OPERATOR).run(channel)
+    PiecesJob(mesh, path, family, 3, Target("count", 30), OPERATOR, accept_seams=True).run(channel)
     with np.load(path) as written:
         middle = written["features"][:, 2]
     shown = np.full(mesh.n_vertices, np.nan)
