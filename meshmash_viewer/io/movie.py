@@ -120,7 +120,12 @@ def _mp4(part: Path, size: tuple[int, int], rate: float) -> Iterator[Add]:
 
     with closing(writer):
         writer.send(None)
-        yield add
+        try:
+            yield add
+        except BaseException:
+            if writer.gi_frame is not None:  # ffmpeg would write the rest of its file first
+                writer.gi_frame.f_locals["p"].kill()
+            raise
     try:
         written, _ = count_frames_and_secs(str(part))
     except RuntimeError:  # the file is no movie
