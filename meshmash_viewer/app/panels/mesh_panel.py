@@ -296,7 +296,6 @@ class MeshPanel(QWidget):
             self._document.solve.measure,
             role="link",
         )
-        make.keep_room(self.resolution_button)
         self._status_stack = QStackedLayout()
         self._status_stack.addWidget(self.proof_label)
         self._status_stack.addWidget(self.progress_label)
@@ -356,7 +355,7 @@ class MeshPanel(QWidget):
         count = self._document.solve.measurable
         if not count and self.resolution_button.hasFocus():
             self.window().setFocus()  # Qt would focus the next control, and scroll to it
-        self.resolution_button.setVisible(count > 0)
+        self.resolution_button.setEnabled(count > 0)
         if spectrum is not None and count:
             which = "" if count == exact else f"Of the first {counted(count, 'pair')}. "
             self.resolution_button.setToolTip(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pyqtgraph as pg
 from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
@@ -36,6 +37,10 @@ class SpectrumPanel(PlotPanel):
         rich = Qt.TextFormat.RichText
         self.legend = make.label("spectrum_legend", textFormat=rich, role="muted")
         self.plot = Plot("spectrum_plot", "Spectrum")
+        #: Legend of the grey points, in the plot because the row above has no space for it.
+        self.remark = pg.LabelItem()
+        self.remark.setParentItem(self.plot.plotItem.vb)
+        self.remark.anchor((0.0, 0.0), (0.0, 0.0), (theme.GAP, 0))
         self.empty.setText("The eigenvalues appear here as they converge.")
         labels = self.readout, self.legend
         self._arrange((self.view_choice, self.log_check), labels, self.plot)
@@ -138,6 +143,7 @@ class SpectrumPanel(PlotPanel):
 
     def _describe(self) -> None:
         self.legend.setText(self.view.legend())
+        self.remark.setText(self._eigenvalues.remark() if self._shown == "eigenvalues" else "")
         self._read(None)
         self.head.fit()
 

@@ -90,11 +90,16 @@ class EigenvalueView:
             parts.append(f'<span style="color:{colors.accent}">○</span> {what}')
         if self._has_multiplets:
             parts.append(f'<span style="color:{colors.accent}">▬</span> equal')
-        if spectrum is not None and not spectrum.resolved.all():
-            grey = f'<span style="color:{colors.reference}">●</span>'
-            parts.append(f"{grey} wrong by over {format_share(RESOLVED)} due to the mesh")
         parts.append(f'<span style="color:{colors.reference}">╌╌</span> Weyl’s law')
         return "&nbsp;&nbsp; ".join(parts)
+
+    def remark(self) -> str:
+        """Return the legend of the grey points, "" without any."""
+        spectrum, shade = self._document.spectrum, theme.palette().reference
+        if spectrum is None or spectrum.resolved.all():
+            return ""
+        share = format_share(RESOLVED)
+        return f'<span style="color:{shade}">● off by over {share} due to the mesh</span>'
 
     def refresh_spectrum(self) -> None:
         """Draw the computed pairs on axes that extend to all requested pairs."""
