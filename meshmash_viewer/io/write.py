@@ -114,9 +114,10 @@ def write_eigenpairs(
     """
     mesh = as_mesh(mesh)
     decomposition = as_eigenpairs("write_eigenpairs(path, pairs, mesh)", decomposition, mesh)
-    extra = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
+    values = {"eigenvalues": decomposition.eigenvalues}
     if len(decomposition.mesh_errors):
-        extra["mesh_errors"] = decomposition.mesh_errors
+        values["mesh_errors"] = decomposition.mesh_errors
+    extra = {**values, "residuals": decomposition.residuals}
     archive = {
         **extra,
         "eigenvectors": decomposition.eigenvectors,
@@ -132,7 +133,7 @@ def write_eigenpairs(
     options = {
         "kind": "eigenpairs",
         "proof": decomposition.proof(mesh.unit),
-        **{key: extra[key] for key in ("eigenvalues", "mesh_errors") if key in extra},
+        **values,
     }
     write_table(path, "eigenpairs", table, options, meta)
 
