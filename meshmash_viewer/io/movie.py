@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -124,7 +124,10 @@ def _mp4(part: Path, size: tuple[int, int], rate: float) -> Iterator[Add]:
             yield add
         except BaseException:
             if writer.gi_frame is not None:  # ffmpeg would write the rest of its file first
-                writer.gi_frame.f_locals["p"].kill()
+                process = writer.gi_frame.f_locals["p"]
+                process.kill()
+                with suppress(OSError):  # the pipe is broken
+                    process.stdin.close()
             raise
     try:
         written, _ = count_frames_and_secs(str(part))
