@@ -99,7 +99,7 @@ class EigenvalueView:
         if spectrum is None or spectrum.resolved.all():
             return ""
         share = format_share(RESOLVED)
-        return f'<span style="color:{shade}">● off by over {share} due to the mesh</span>'
+        return f'<span style="color:{shade}">● off by over {share}</span>'
 
     def refresh_spectrum(self) -> None:
         """Draw the computed pairs on axes that extend to all requested pairs."""
