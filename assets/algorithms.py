@@ -29,7 +29,7 @@ from matplotlib import pyplot as plt
 import meshmash_viewer as mv
 from meshmash_viewer.features.shape import low_pass_vertices
 from meshmash_viewer.samples import sample_path
-from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 GREY = "#7d8590"
@@ -78,7 +78,7 @@ def dendrite() -> mv.Mesh:
 
 
 @cache
-def pairs() -> Decomposition:
+def pairs() -> Eigenpairs:
     """Return the 150 lowest eigenpairs of the dendrite."""
     return mv.solve(*mv.cotangent_laplacian(dendrite(), robust=True), 150)
 

@@ -34,7 +34,8 @@ from contestants import read_matrices
 from eigensolver import prepare
 from scipy.sparse.csgraph import connected_components
 
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 
 #: Largest number of vertices of problems that are solved densely, too.
 _DENSE_VERTICES = 12_000
@@ -184,7 +185,7 @@ def by_interior(problem: Problem, k: int, jobs: int | None) -> float:
     return proven(problem, found, np.sort(exact[nearest]))
 
 
-def proven(problem: Problem, found: Decomposition, exact: Any) -> float:
+def proven(problem: Problem, found: Eigenpairs, exact: Any) -> float:
     """Return the difference from dense; infinite if the result is not certified."""
     return problem.difference(found.eigenvalues, exact) if found.complete else float("inf")
 

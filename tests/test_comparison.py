@@ -21,10 +21,11 @@ from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank
 from meshmash_viewer.features.shape import distinct_matches
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 
 
-def pairs_of(mesh: Mesh, count: int = 60) -> Decomposition:
+def pairs_of(mesh: Mesh, count: int = 60) -> Eigenpairs:
     return solve(*cotangent_laplacian(mesh, robust=True), count)
 
 

@@ -19,7 +19,8 @@ from test_eigensolver import dense, random_mesh, torus
 from test_eigensolver_hard import icosphere, strip
 from tiers import slow
 
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine import refinement
 from meshmash_viewer.spectral.engine.basis import KrylovBasis, RitzPairs
 from meshmash_viewer.spectral.engine.factorization import Factor
@@ -43,7 +44,7 @@ _AT_THE_END = ("blocks", "passes", "searches", "looks")
 #: Additional pairs requested from an inverse.
 _BESIDE = 6
 
-Ask: TypeAlias = Callable[[], Decomposition]
+Ask: TypeAlias = Callable[[], Eigenpairs]
 
 
 @pytest.fixture
@@ -80,7 +81,7 @@ def twice() -> Any:
 
 
 @pytest.fixture(scope="module")
-def known() -> Decomposition:
+def known() -> Eigenpairs:
     return solve(*twice(), 140)
 
 
@@ -152,7 +153,7 @@ def test_a_solve_takes_no_more_than_it_needs(
     [("at", (37, 2, 51, 7, 6, 15, 0)), ("above", (5, 2, 52, 8, 7, 15, 0))],
 )
 def test_a_threshold_takes_no_more_than_it_needs(
-    known: Decomposition, taken: Counter[str], place: str, most: tuple[int, ...]
+    known: Eigenpairs, taken: Counter[str], place: str, most: tuple[int, ...]
 ) -> None:
     threshold = float(known.eigenvalues[100]) * (1.0 if place == "at" else 1.001)
     assert solve(*twice(), max_eigenvalue=threshold, n_jobs=1).complete
@@ -168,7 +169,7 @@ def test_a_threshold_takes_no_more_than_it_needs(
     ],
 )
 def test_what_is_known_is_not_found_again(
-    known: Decomposition,
+    known: Eigenpairs,
     taken: Counter[str],
     wanted: int,
     kept: int,

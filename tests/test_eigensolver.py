@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 import time
 from dataclasses import replace
 from typing import Any
@@ -22,7 +21,7 @@ from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.cost import estimate_memory
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.eigensolver import Decomposition, iterate, solve
+from meshmash_viewer.spectral.eigensolver import solve
 
 Matrices = tuple[Any, Any]
 N_POINTS = 800
@@ -79,7 +78,7 @@ def dense(matrices: Matrices) -> npt.NDArray[np.float64]:
     return np.sort(np.concatenate(values))
 
 
-def check(decomposition: Decomposition, exact: npt.NDArray[np.float64]) -> None:
+def check(decomposition: Eigenpairs, exact: npt.NDArray[np.float64]) -> None:
     """Check eigenvalues, residuals, orthonormality and certificate."""
     assert decomposition.complete
     floor = 1e-9 * exact[exact > 1e-9 * exact[-1]][:1].sum()
@@ -297,18 +296,6 @@ def test_pairs_arrive_in_order_and_final() -> None:
     assert [r.converged for r in reports] == sorted(r.converged for r in reports)
 
 
-def test_iterate_yields_the_same_pairs_and_can_be_left() -> None:
-    matrices = random_mesh(12)
-    reference = solve(*matrices, 150)
-    batches = list(iterate(*matrices, 150))
-    assert [b.start for b in batches] == [0, *(b.stop for b in batches[:-1])]
-    np.testing.assert_array_equal(np.concatenate([b.rows for b in batches]), reference.rows)
-    before = set(threading.enumerate())
-    for _ in iterate(*matrices, 250):
-        break
-    assert not [t for t in threading.enumerate() if t not in before and t.name == "eigenpairs"]
-
-
 @pytest.mark.parametrize("patience", [0, 1, 2, 5])
 def test_cancel_is_heard(patience: int) -> None:
     asked = 0
@@ -467,14 +454,3 @@ def test_the_time_told_lies_within_the_time_taken() -> None:
     told = solve(*random_mesh(3), 10).timings
     assert 0.0 < told["total"] <= time.perf_counter() - began
     assert all(seconds >= 0.0 for seconds in told.values())
-
-
-def test_eigenpairs_unpack_and_index_like_their_pair() -> None:
-    pairs = solve(*torus(6, 5, 1.0, 1.0)[0], 10)
-    eigenvalues, eigenvectors = pairs
-    assert eigenvalues is pairs[0] is pairs.eigenvalues
-    np.testing.assert_array_equal(eigenvectors, pairs.rows.T)
-    np.testing.assert_array_equal(pairs[-1], eigenvectors)
-    assert (len(pairs), len(pairs[:1])) == (2, 1)
-    with pytest.raises(IndexError):
-        pairs[2]

@@ -19,7 +19,8 @@ from test_eigensolver import Matrices, check, dense, random_mesh, torus
 from tiers import slow_but
 
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine.factorization import order_pencil
 from meshmash_viewer.spectral.engine.lanczos import Interval, find_pairs, run_slices
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
@@ -226,7 +227,7 @@ def test_terminated_parent_leaves_no_process() -> None:
     assert not alive
 
 
-def exactness(decomposition: Decomposition, matrices: Matrices) -> npt.NDArray[np.float64]:
+def exactness(decomposition: Eigenpairs, matrices: Matrices) -> npt.NDArray[np.float64]:
     """Return the relative errors of the eigenvalues against the dense solution."""
     exact = dense(matrices)[: decomposition.n_components]
     some = exact > 1e-9 * exact[-1]

@@ -17,7 +17,7 @@ from tiers import slow
 
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.eigensolver import Decomposition, iterate, solve
+from meshmash_viewer.spectral.eigensolver import solve
 
 
 @pytest.fixture(scope="module")
@@ -33,12 +33,12 @@ def exact(matrices: Matrices) -> npt.NDArray[np.float64]:
 
 
 @pytest.fixture(scope="module")
-def whole(matrices: Matrices) -> Decomposition:
+def whole(matrices: Matrices) -> Eigenpairs:
     return solve(*matrices, 60)
 
 
 def test_an_inverse_that_is_blind_to_a_pair_does_not_hide_it(
-    matrices: Matrices, exact: npt.NDArray[np.float64], whole: Decomposition
+    matrices: Matrices, exact: npt.NDArray[np.float64], whole: Eigenpairs
 ) -> None:
     stiffness, mass = matrices
     sigma = -0.01 * exact[1]
@@ -88,7 +88,7 @@ def test_rounding_in_a_symmetric_matrix_is_none(
 def test_known_pairs_that_are_not_the_lowest_are_not_built_on(
     matrices: Matrices,
     exact: npt.NDArray[np.float64],
-    whole: Decomposition,
+    whole: Eigenpairs,
     spoiled: Any,
     i: int,
 ) -> None:
@@ -105,7 +105,7 @@ def test_known_pairs_that_are_not_the_lowest_are_not_built_on(
 def test_known_eigenvalues_that_are_not_those_of_their_vectors_are_not_believed(
     matrices: Matrices,
     exact: npt.NDArray[np.float64],
-    whole: Decomposition,
+    whole: Eigenpairs,
     n_components: int,
     off: float,
 ) -> None:
@@ -121,24 +121,17 @@ def _with_row(rows: npt.NDArray[Any], i: int, row: npt.NDArray[Any]) -> npt.NDAr
     return rows
 
 
-def test_an_iteration_that_is_left_does_not_run_on() -> None:
-    matrices = random_mesh(32, copies=2)
+def test_a_cancelled_run_does_not_run_on() -> None:
     found: list[int] = []
 
     def on_pairs(pairs: Eigenpairs) -> None:
         found.append(len(pairs))
 
     # In float32 a slice has 50 pairs. Of the ten slices, only the next few may have begun.
-    batches = iterate(*matrices, 500, dtype=np.float32, n_jobs=1, on_pairs=on_pairs)
-    next(batches)
-    first = next(batches)
-    batches.close()
-    assert first.stop < 150
+    with pytest.raises(Cancelled):
+        solve(
+            *random_mesh(32, copies=2), 500, dtype=np.float32, n_jobs=1, on_pairs=on_pairs,
+            cancel=lambda: len(found) > 1,
+        )  # fmt: skip
     assert found[-1] < 400
     assert not [thread for thread in threading.enumerate() if thread.name == "eigenpairs"]
-
-
-def test_an_iteration_ends_when_it_is_asked_to(matrices: Matrices) -> None:
-    with pytest.raises(Cancelled):
-        list(iterate(*matrices, 60, cancel=lambda: True))
-    assert len(list(iterate(*matrices, 5, cancel=lambda: False))) > 0

@@ -20,11 +20,11 @@ from meshmash_viewer.features.functional_map import FunctionalMap
 from meshmash_viewer.features.shape import Matches
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.samples import sample_path
-from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 @cache
-def pairs_of(mesh: mv.Mesh, count: int = 60) -> Decomposition:
+def pairs_of(mesh: mv.Mesh, count: int = 60) -> Eigenpairs:
     return mv.solve(*mv.cotangent_laplacian(mesh, robust=True), count)
 
 

@@ -20,7 +20,8 @@ from hard_spectra import Problem, graph_laplacian, grid_edges, matrices_of
 from hard_verdict import Verdict, judge, judge_seed
 from shapes import icosphere
 
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 
 #: Problems solved at every change, problems solved in a full run, and problems per test.
 _QUICK, _PROBLEMS, _CHUNK = 10, 300, 10
@@ -83,7 +84,7 @@ def test_example(name: str) -> None:
 
 # The judge -------------------------------------------------------------------------------------
 
-Spoil = Callable[[Decomposition], Decomposition]
+Spoil = Callable[[Eigenpairs], Eigenpairs]
 
 
 def sphere_problem() -> Problem:
@@ -102,14 +103,14 @@ def spoilt(
 ) -> Verdict:
     """Return the verdict on an answer changed by `spoil`."""
 
-    def solve_and_spoil(*given: Any, **options: Any) -> Decomposition:
+    def solve_and_spoil(*given: Any, **options: Any) -> Eigenpairs:
         return spoil(solve(*given, **options))
 
     monkeypatch.setattr(hard_verdict, "solve", solve_and_spoil)
     return judge(problem, request, limit=hard_verdict.LIMIT)
 
 
-def without(found: Decomposition, i: int) -> Decomposition:
+def without(found: Eigenpairs, i: int) -> Eigenpairs:
     """Return an answer without pair i."""
     return replace(
         found,
@@ -119,19 +120,19 @@ def without(found: Decomposition, i: int) -> Decomposition:
     )
 
 
-def with_eigenvalue(found: Decomposition, i: int, value: float) -> Decomposition:
+def with_eigenvalue(found: Eigenpairs, i: int, value: float) -> Eigenpairs:
     values = found.eigenvalues.copy()
     values[i] = value
     return replace(found, eigenvalues=values)
 
 
-def with_row(found: Decomposition, i: int, row: Any) -> Decomposition:
+def with_row(found: Eigenpairs, i: int, row: Any) -> Eigenpairs:
     rows = found.rows.copy()
     rows[i] = row
     return replace(found, rows=rows)
 
 
-def doubled(found: Decomposition) -> Decomposition:
+def doubled(found: Eigenpairs) -> Eigenpairs:
     """Return an answer with a copy of pair 4 in place of pair 5."""
     return with_row(with_eigenvalue(found, 5, float(found.eigenvalues[4])), 5, found.rows[4])
 
@@ -149,7 +150,7 @@ def test_judge_misses_a_lost_pair(monkeypatch: pytest.MonkeyPatch, lost: int) ->
 def test_judge_misses_a_pair_that_another_stands_for(monkeypatch: pytest.MonkeyPatch) -> None:
     request = Request("count", count=12)
 
-    def spoil(found: Decomposition) -> Decomposition:
+    def spoil(found: Eigenpairs) -> Eigenpairs:
         return without(solve(*matrices_of(icosphere(2)), 13), 3)
 
     verdict = spoilt(monkeypatch, sphere_problem(), request, spoil)
@@ -161,7 +162,7 @@ def test_judge_sees_a_multiple_eigenvalue_cut(monkeypatch: pytest.MonkeyPatch) -
     values = solve(*matrices_of(icosphere(2)), 9).eigenvalues
     request = Request("threshold", threshold=float(values[5]) * (1.0 + 1e-13))
 
-    def spoil(found: Decomposition) -> Decomposition:
+    def spoil(found: Eigenpairs) -> Eigenpairs:
         return without(found, -1)
 
     verdict = spoilt(monkeypatch, sphere_problem(), request, spoil)
@@ -190,7 +191,7 @@ def test_judge_sees_a_spoilt_answer(monkeypatch: pytest.MonkeyPatch, spoil: Spoi
 def test_judge_measures_residuals_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     stray = np.random.default_rng(0).standard_normal(162)
 
-    def spoil(found: Decomposition) -> Decomposition:
+    def spoil(found: Eigenpairs) -> Eigenpairs:
         mass = found.mass
         off = stray - found.rows.T @ (found.rows @ (mass * stray))
         row = found.rows[6] + 1e-9 * off
@@ -204,7 +205,7 @@ def test_judge_measures_residuals_itself(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_judge_tells_a_small_eigenvalue_from_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     request = Request("count", count=4)
 
-    def spoil(found: Decomposition) -> Decomposition:
+    def spoil(found: Eigenpairs) -> Eigenpairs:
         assert found.complete
         return replace(with_eigenvalue(found, 0, 0.0), residuals=np.full(4, 1e-3))
 
@@ -214,7 +215,7 @@ def test_judge_tells_a_small_eigenvalue_from_zero(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="nothing ends a solver that hangs")
 def test_judge_waits_for_no_answer_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    def turn(found: Decomposition) -> Decomposition:
+    def turn(found: Eigenpairs) -> Eigenpairs:
         while True:
             time.process_time()
 
@@ -224,10 +225,10 @@ def test_judge_waits_for_no_answer_for_ever(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_judge_takes_no_other_exception_and_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(found: Decomposition) -> Decomposition:
+    def fail(found: Eigenpairs) -> Eigenpairs:
         raise ArithmeticError("11 of 12 eigenvalues found")
 
-    def warn(found: Decomposition) -> Decomposition:
+    def warn(found: Eigenpairs) -> Eigenpairs:
         warnings.warn("overflow", RuntimeWarning, stacklevel=1)
         return found
 
@@ -238,7 +239,7 @@ def test_judge_takes_no_other_exception_and_no_warning(monkeypatch: pytest.Monke
 
 
 def test_pairs_that_say_they_are_not_proven_are_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
-    def spoil(found: Decomposition) -> Decomposition:
+    def spoil(found: Eigenpairs) -> Eigenpairs:
         return replace(found, certificate=replace(found.certificate, method="none"))
 
     verdict = spoilt(monkeypatch, sphere_problem(), THRESHOLD, spoil)

@@ -14,7 +14,7 @@ from faults import raises
 import meshmash_viewer as mv
 from meshmash_viewer.features.map_spectrum import MapSpectrum, band_edges
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def mesh() -> mv.Mesh:
 
 
 @pytest.fixture(scope="module")
-def every_pair(mesh: mv.Mesh) -> Decomposition:
+def every_pair(mesh: mv.Mesh) -> Eigenpairs:
     L, M = mv.cotangent_laplacian(mesh, robust=True)
     return mv.solve(L, M, n_components=mesh.n_vertices)
 

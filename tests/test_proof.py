@@ -18,7 +18,8 @@ from tiers import slow_but
 from meshmash_viewer.decompose import compute_hks, decompose_laplacian_by_bands
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine.computation import Computation
 
 
@@ -285,11 +286,11 @@ def matrices() -> tuple[Any, Any]:
 
 
 @pytest.fixture(scope="module")
-def proven(matrices: tuple[Any, Any]) -> Decomposition:
+def proven(matrices: tuple[Any, Any]) -> Eigenpairs:
     return solve(*matrices, 90)
 
 
-def part(result: Decomposition, kept: np.ndarray, **changed: Any) -> Decomposition:
+def part(result: Eigenpairs, kept: np.ndarray, **changed: Any) -> Eigenpairs:
     return replace(
         result,
         eigenvalues=changed.get("eigenvalues", result.eigenvalues[kept]),
@@ -298,7 +299,7 @@ def part(result: Decomposition, kept: np.ndarray, **changed: Any) -> Decompositi
     )
 
 
-def test_verify_agrees_with_the_solver(proven: Decomposition, matrices: tuple[Any, Any]) -> None:
+def test_verify_agrees_with_the_solver(proven: Eigenpairs, matrices: tuple[Any, Any]) -> None:
     for request in ({"n_components": 40}, {"max_eigenvalue": proven.eigenvalues[50] * 1.01}):
         result = solve(*matrices, **request)
         again = result.verify(*matrices)
@@ -314,7 +315,7 @@ def test_verify_agrees_with_the_solver(proven: Decomposition, matrices: tuple[An
     assert solve(*small, 10**6).verify(*small).complete
 
 
-def test_verify_sees_what_is_wrong(proven: Decomposition, matrices: tuple[Any, Any]) -> None:
+def test_verify_sees_what_is_wrong(proven: Eigenpairs, matrices: tuple[Any, Any]) -> None:
     everything = np.arange(90)
     lost = part(proven, np.delete(everything, 33))
     assert "found of" in lost.verify(*matrices).lacks[0]

@@ -14,17 +14,18 @@ from meshmash_viewer.features.map_spectrum import map_spectrum
 from meshmash_viewer.features.maps import filter_map, reconstruct, spectral_coefficients
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 
 @pytest.fixture(scope="module")
-def pairs(rectangle: Mesh) -> Decomposition:
+def pairs(rectangle: Mesh) -> Eigenpairs:
     return solve(*cotangent_laplacian(rectangle), 40)
 
 
 def test_a_map_through_a_filter_is_the_dense_product(
-    pairs: Decomposition, rng: np.random.Generator
+    pairs: Eigenpairs, rng: np.random.Generator
 ) -> None:
     values = rng.standard_normal((pairs.rows.shape[1], 3))
     dense = (
@@ -40,7 +41,7 @@ def test_a_map_through_a_filter_is_the_dense_product(
         np.testing.assert_allclose(one, dense[:, 1], atol=1e-12)
 
 
-def test_a_low_pass_keeps_what_is_below_it_and_nothing_else(pairs: Decomposition) -> None:
+def test_a_low_pass_keeps_what_is_below_it_and_nothing_else(pairs: Eigenpairs) -> None:
     both = pairs.rows[2] + 3.0 * pairs.rows[30]
     between = 0.5 * (pairs.eigenvalues[2] + pairs.eigenvalues[30])
     smooth = filter_map(pairs, both, low_pass_bank(between))
@@ -52,7 +53,7 @@ def test_a_low_pass_keeps_what_is_below_it_and_nothing_else(pairs: Decomposition
 @pytest.mark.parametrize("n_filters", [1, 2, 5])
 @pytest.mark.parametrize("n_maps", [None, 1, 3])
 def test_many_maps_through_many_filters(
-    pairs: Decomposition, rng: np.random.Generator, n_filters: int, n_maps: int | None
+    pairs: Eigenpairs, rng: np.random.Generator, n_filters: int, n_maps: int | None
 ) -> None:
     values = rng.standard_normal((pairs.rows.shape[1], *([] if n_maps is None else [n_maps])))
     bank = heat_kernel_bank(np.geomspace(0.01, 1.0, n_filters))
@@ -65,7 +66,7 @@ def test_many_maps_through_many_filters(
 
 
 @pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
-def test_vertices_without_a_value_have_no_weight(pairs: Decomposition, missing: float) -> None:
+def test_vertices_without_a_value_have_no_weight(pairs: Eigenpairs, missing: float) -> None:
     n = pairs.rows.shape[1]
     gaps, low = np.arange(0, n, 40), low_pass_bank(0.5 * pairs.eigenvalues[5])
     flat, wave = np.full(n, 7.0), pairs.rows[3] + 2.0
@@ -84,7 +85,7 @@ def test_vertices_without_a_value_have_no_weight(pairs: Decomposition, missing: 
     assert spectrum.share(pairs.n_components) <= 1.0
 
 
-def test_a_gap_that_takes_any_value_is_the_same_gap(pairs: Decomposition) -> None:
+def test_a_gap_that_takes_any_value_is_the_same_gap(pairs: Eigenpairs) -> None:
     values = np.repeat(pairs.rows[4][:, np.newaxis], 3, axis=1)
     values[[5, 90], :] = [np.nan, np.inf, -np.inf]
     with pytest.warns(MissingValuesWarning):
@@ -119,13 +120,13 @@ def test_a_gap_that_takes_any_value_is_the_same_gap(pairs: Decomposition) -> Non
     ],
 )
 def test_what_is_no_map_or_in_another_order_gets_a_sentence(
-    pairs: Decomposition, call: Callable[..., object], code: str, word: str
+    pairs: Eigenpairs, call: Callable[..., object], code: str, word: str
 ) -> None:
     with raises(code, word):
         call(pairs, pairs.rows[3].copy(), low_pass_bank(1.0))
 
 
-def test_a_map_with_a_name_is_a_map_and_labels_are_none(pairs: Decomposition) -> None:
+def test_a_map_with_a_name_is_a_map_and_labels_are_none(pairs: Eigenpairs) -> None:
     wave = pairs.rows[3]
     found = filter_map(pairs, VertexMap("wave", wave), low_pass_bank(1e9))
     np.testing.assert_allclose(found, wave, atol=1e-9)

@@ -36,14 +36,15 @@ from meshmash_viewer.features.sums import compute_features, truncated_features
 from meshmash_viewer.features.truncation import mean_shares, percent
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.spectral.certificate import Certificate
-from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 from meshmash_viewer.units import NO_BREAK, plain_text
 
 SHARES = (0.05, 0.2, 0.6)
 
 
-def whole_spectrum(mesh) -> Decomposition:
+def whole_spectrum(mesh) -> Eigenpairs:
     """Return all pairs, by a dense solution independent of the package's solver."""
     stiffness, mass = cotangent_laplacian(mesh, robust=True)
     diagonal = mass.diagonal()
@@ -55,16 +56,16 @@ def whole_spectrum(mesh) -> Decomposition:
     rows[:, used] = vectors.T / root
     values = np.maximum(values, 0.0)
     proof = Certificate("dense", len(values), len(values))
-    return Decomposition(values, rows, np.zeros(len(used)), proof, mass=diagonal)
+    return Eigenpairs(values, rows, np.zeros(len(used)), proof, mass=diagonal)
 
 
-def lowest(whole: Decomposition, count: int, dtype=np.float64) -> Decomposition:
+def lowest(whole: Eigenpairs, count: int, dtype=np.float64) -> Eigenpairs:
     rows = whole.rows[:count].astype(dtype)
     return dataclasses.replace(whole, eigenvalues=whole.eigenvalues[:count], rows=rows)
 
 
 @pytest.fixture(scope="module")
-def wholes(sphere, rectangle, neuron) -> dict[str, Decomposition]:
+def wholes(sphere, rectangle, neuron) -> dict[str, Eigenpairs]:
     """Return full spectra of a sphere, a rectangle with boundary and a faulty neuron."""
     meshes = {"sphere": sphere, "rectangle": rectangle, "neuron": neuron}
     return {name: whole_spectrum(mesh) for name, mesh in meshes.items()}
@@ -85,7 +86,7 @@ def banks_at(eigenvalues: np.ndarray) -> dict[str, FilterBank]:
     }
 
 
-def estimates_and_errors(whole: Decomposition, count: int, bank: FilterBank):
+def estimates_and_errors(whole: Eigenpairs, count: int, bank: FilterBank):
     features = truncated_features(lowest(whole, count), bank)
     used = whole.mass > 0.0
     error = np.abs(truncated_features(whole, bank).values - features.values)[used]

@@ -53,7 +53,7 @@ from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.eigenpairs import Eigenpairs
     from meshmash_viewer.spectral.engine.request import Allocate
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
@@ -353,7 +353,7 @@ class _Computation:
         max_eigenvalue: float | None,
         allocate: Allocate | None,
         stacklevel: int = 5,
-    ) -> Decomposition:
+    ) -> Eigenpairs:
         """Compute eigenpairs by their number or up to a threshold."""
         stiffness, mass = self.matrices
         return solve_and_warn(
@@ -431,7 +431,7 @@ class _Computation:
         warn_of_truncation(truncation, stacklevel=4, name=self.name, limit=limit)
         return values.astype(self.dtype, copy=False)
 
-    def _limit(self, pairs: Decomposition) -> str:
+    def _limit(self, pairs: Eigenpairs) -> str:
         """Return `Eigenpairs.exhausted`; "" for matrices."""
         if self._is_matrices:
             return ""
@@ -441,7 +441,7 @@ class _Computation:
         return replace(known, mesh_errors=quick_error(as_mesh(self.mesh), known)).exhausted
 
 
-def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition, name: str) -> None:
+def _warn_of_zeros(max_eigenvalue: float | None, result: Eigenpairs, name: str) -> None:
     useful = weyl_eigenvalue(float(result.mass.sum()), _USEFUL_COUNT)
     within = (
         "are among the requested eigenpairs"

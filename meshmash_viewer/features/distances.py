@@ -228,7 +228,7 @@ def distance_features(
     vertices : int or array_like of int, shape (f,)
         Vertices from which distances are measured.
     measure : {"geodesic", "biharmonic", "commute", "diffusion"}
-    decomposition : Decomposition, optional
+    decomposition : Eigenpairs, optional
         Eigenpairs of the mesh, required except for the geodesic distance.
     time : float, optional
         Diffusion time, in squared unit.

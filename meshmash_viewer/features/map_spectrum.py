@@ -92,7 +92,7 @@ def map_spectrum(decomposition: EigenpairsLike, values: npt.ArrayLike) -> MapSpe
 
     Parameters
     ----------
-    decomposition : Decomposition
+    decomposition : Eigenpairs
         Eigenpairs of the mesh of the map, with its mass matrix.
     values : VertexMap or array_like, shape (n,)
         One number for each vertex. NaN and infinite values are replaced by the area-weighted mean

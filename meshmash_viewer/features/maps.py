@@ -120,7 +120,7 @@ def filter_map(
 
     Parameters
     ----------
-    decomposition : Decomposition
+    decomposition : Eigenpairs
         The eigenpairs; the part of the function beyond the last eigenvalue is left out.
     values : VertexMap or array_like, shape (n,) or (n, d)
         One function in each column; values at unreferenced vertices are ignored. NaN and

@@ -144,7 +144,7 @@ def low_pass_vertices(mesh: MeshLike, decomposition: EigenpairsLike, n: int) -> 
 
     Parameters
     ----------
-    mesh, decomposition : MeshLike, Decomposition
+    mesh, decomposition : MeshLike, Eigenpairs
         The mesh, and its eigenpairs.
     n : int
         Number of eigenpairs to use, zero eigenvalues included.

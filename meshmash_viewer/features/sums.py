@@ -249,7 +249,7 @@ def compute_features(
 
     Parameters
     ----------
-    decomposition : Decomposition
+    decomposition : Eigenpairs
         The eigenpairs, the lowest or around a shift; `rows` may be a memory map.
     bank : FilterBank
         The filters; called once, with all eigenvalues used.

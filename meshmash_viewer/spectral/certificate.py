@@ -146,7 +146,7 @@ _TAIL = 64
 def verify_pairs(
     values: FloatArray, rows: Rows, given: Certificate, stiffness: Any, mass: Any
 ) -> Certificate:
-    """Recompute a certificate; see `Decomposition.verify`."""
+    """Recompute a certificate; see `Eigenpairs.verify`."""
     import scipy.sparse as sp
 
     n = rows.shape[1]

@@ -48,8 +48,17 @@ class Multiplet:
 class Eigenpairs:
     """Immutable eigenpairs of L φ = λ M φ in ascending order.
 
-    Solver, store, jobs, fields and window use this type. Rows mapped from a file are pickled as a
-    reference to the file.
+    `solve` returns them; store, jobs, fields and window use them too. Rows mapped from a file are
+    pickled as a reference to the file.
+
+    Examples
+    --------
+    >>> pairs.eigenvalues[:4].round(1)
+    array([0., 2., 2., 2.])
+    >>> pairs.certificate.complete, bool(pairs.residuals.max() < 1e-9)
+    (True, True)
+    >>> pairs.eigenvalues.shape, pairs.eigenvectors.shape
+    ((16,), (642, 16))
     """
 
     #: Shape (k,): In the inverse squared unit of the mesh.
@@ -409,7 +418,7 @@ def as_eigenpairs(call: str, given: EigenpairsLike, mesh: MeshLike | None = None
         raise InputError(
             "other-mesh",
             f"The eigenpairs have {given.rows.shape[1]} vertices, and areas of {len(given.mass)}",
-            "give what solve returns, or a Decomposition with the diagonal of M as its mass",
+            "give what solve returns, or Eigenpairs with the diagonal of M as its mass",
         )
     return given
 
@@ -440,7 +449,7 @@ def _from_arrays(
         raise InputError(
             "no-areas",
             f"The areas of these eigenvectors are not known to {call}, as of a copy or a file",
-            "give Decomposition(eigenvalues, eigenvectors.T, residuals, mass=M.diagonal())",
+            "give Eigenpairs(eigenvalues, eigenvectors.T, residuals, mass=M.diagonal())",
         )
     return Eigenpairs(values.astype(np.float64), vectors.T, np.full(len(values), np.nan), mass=mass)
 

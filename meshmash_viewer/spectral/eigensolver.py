@@ -1,9 +1,8 @@
 """Low eigenpairs of L φ = λ M φ, with the proof that none is missing.
 
-`solve` returns a `Decomposition`; `iterate` yields the pairs in batches as they converge. They use
-`meshmash_viewer.spectral.engine`: the null space is known exactly and deflated; the rest of the
-spectrum is divided into slices, whose eigenvalues are counted by the inertia of a factor; shifted
-block Lanczos finds the pairs of several slices in parallel.
+`solve` uses `meshmash_viewer.spectral.engine`: the null space is known exactly and deflated; the
+rest of the spectrum is divided into slices, whose eigenvalues are counted by the inertia of a
+factor; shifted block Lanczos finds the pairs of several slices in parallel.
 """
 
 from __future__ import annotations
@@ -14,11 +13,11 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, closing, contextmanager, nullcontext
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
-from typing import Any, TypeAlias, overload
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +27,7 @@ from meshmash_viewer.errors import InputError, UnprovenWarning, of_mesh
 from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.progress import CancelCallback, Cancelled, ProgressBar, ProgressCallback
 from meshmash_viewer.spectral.cost import slice_sizes
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs, Rows
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.compiler import one_blas_thread
 from meshmash_viewer.spectral.engine.computation import Computation
 from meshmash_viewer.spectral.engine.output import Output, Pace
@@ -68,8 +67,7 @@ class Run:
 
     def pairs(self) -> Eigenpairs:
         """Compute and return all pairs, with their certificate."""
-        for _ in self.batches():
-            pass
+        self._run()
         output, certificate = self.output, self._computation.certificate()
         if output.written != output.total:
             raise ArithmeticError(f"{output.written} of {output.total} eigenpairs found")
@@ -82,8 +80,8 @@ class Run:
             known_to=(self._request.max_eigenvalue or 0.0) if certificate.complete else 0.0,
         )
 
-    def batches(self) -> Generator[slice, None, None]:
-        """Compute all pairs in another thread; yield slices of rows when they become final."""
+    def _run(self) -> None:
+        """Compute all pairs in another thread, and report those that become final."""
         finder = threading.Thread(target=self._find, name="eigenpairs", daemon=True)
         self._pace.stage("matrices")
         with one_blas_thread():
@@ -104,7 +102,6 @@ class Run:
                             del event  # its traceback refers to all arrays
                     if isinstance(event, slice):
                         self._publish(event)
-                        yield event
                     else:
                         event()
             finally:
@@ -133,76 +130,6 @@ class Run:
         self._pace.step(self._computation.steps)
 
 
-class Decomposition(Eigenpairs):
-    """Eigenpairs that unpack and index like the pair ``(eigenvalues, eigenvectors)``.
-
-    `solve` returns them.
-
-    Parameters
-    ----------
-    eigenvalues : ndarray of float64, shape (k,)
-        In the inverse squared unit of the mesh.
-    rows : ndarray of float64 or float32, shape (k, n)
-        Row i is eigenvector i, M-orthonormal; NaN at vertices without mass. The entry of largest
-        magnitude is positive.
-    residuals : ndarray of float64, shape (k,)
-        ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π / area.
-    certificate : Certificate
-        Evidence that no pair is missing, with the worst residual and the orthonormality.
-    timings : dict of float
-        Seconds by stage.
-    mass : ndarray of float64, shape (n,)
-        Diagonal of M.
-
-    Examples
-    --------
-    >>> pairs.eigenvalues[:4].round(1)
-    array([0., 2., 2., 2.])
-    >>> pairs.certificate.complete, bool(pairs.residuals.max() < 1e-9)
-    (True, True)
-    >>> eigenvalues, eigenvectors = pairs
-    >>> eigenvalues.shape, eigenvectors.shape
-    ((16,), (642, 16))
-    """
-
-    rows: Rows
-
-    def __iter__(self) -> Iterator[Rows]:
-        """Iterate over the eigenvalues, shape (k,), and the eigenvectors as columns, (n, k)."""
-        return iter((self.eigenvalues, self.eigenvectors))
-
-    @overload
-    def __getitem__(self, index: int) -> Rows: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Rows, ...]: ...
-    def __getitem__(self, index: int | slice) -> Rows | tuple[Rows, ...]:
-        """Return the eigenvalues for index 0, the eigenvectors for 1."""
-        return (self.eigenvalues, self.eigenvectors)[index]
-
-    def __len__(self) -> int:
-        """Return 2, the length of the tuple; `n_components` is the number of eigenpairs."""
-        return 2
-
-
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Consecutive pairs that are final when they are yielded."""
-
-    #: Index of the first pair; batches come in ascending order without gaps.
-    start: int
-    #: Shape (b,).
-    eigenvalues: npt.NDArray[np.float64]
-    #: Shape (b, n): View of the array of all rows.
-    rows: Rows
-    #: Shape (b,).
-    residuals: npt.NDArray[np.float64]
-
-    @property
-    def stop(self) -> int:
-        """Index after the last pair of the batch."""
-        return self.start + len(self.eigenvalues)
-
-
 def solve(
     stiffness: Any,
     mass: Any,
@@ -221,7 +148,7 @@ def solve(
     cancel: CancelCallback | None = None,
     op_inv: Any = None,
     ncv: int | None = None,
-) -> Decomposition:
+) -> Eigenpairs:
     """Compute the lowest eigenpairs, or those nearest a shift, and prove that none is missing.
 
     Parameters
@@ -280,27 +207,7 @@ def solve(
         n_components, max_eigenvalue, sigma, tol, dtype, n_jobs, known, allocate, on_pairs, early,
         progress, cancel, op_inv, ncv,
     )  # fmt: skip
-    pairs = Run(stiffness, mass, request).pairs()
-    return Decomposition(**{each.name: getattr(pairs, each.name) for each in fields(pairs)})
-
-
-def iterate(
-    stiffness: Any, mass: Any, n_components: int | None = None, **options: Any
-) -> Iterator[Batch]:
-    """Yield the pairs in batches as they converge, lowest first; arguments are those of `solve`.
-
-    The computation continues while a batch is processed. Closing the iterator cancels it.
-
-    Examples
-    --------
-    >>> sum(len(batch.eigenvalues) for batch in iterate(L, M, 16))
-    16
-    """
-    run = Run(stiffness, mass, Request(n_components, **options))
-    with closing(run.batches()) as batches:
-        for at in batches:
-            out = run.output
-            yield Batch(at.start, out.eigenvalues[at], out.rows[at], out.residuals[at])
+    return Run(stiffness, mass, request).pairs()
 
 
 # -- for the documented functions: arguments, precision, progress bar and memory -----------------
@@ -325,7 +232,7 @@ def solve_and_warn(
     stacklevel: int = 3,
     progress: ProgressCallback | None = None,
     **options: Any,
-) -> Decomposition:
+) -> Eigenpairs:
     """Call `solve` with a progress bar and a warning.
 
     The null space of a float32 Laplacian, which rounding destroys, is restored first. `dtype` is

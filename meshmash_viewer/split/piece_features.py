@@ -69,7 +69,7 @@ class PieceFeatures:
             raise ArithmeticError(pairs.proof())
         coefficients = self.bank(pairs.eigenvalues)
         density = np.zeros(pairs.rows.shape[1])
-        values = accumulate_features(pairs.rows, coefficients, density)
+        values = accumulate_features(pairs.rows[:], coefficients, density)
         if self.drop_first:
             values -= np.outer(piece.first, coefficients[:, 0])
         return np.column_stack([values, density, pairs.mass])

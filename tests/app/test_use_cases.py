@@ -23,7 +23,7 @@ import meshmash_viewer as mv
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.render_widget import RenderWidget
-from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 LEFT = Qt.MouseButton.LeftButton
 CONTROL = Qt.KeyboardModifier.ControlModifier
@@ -110,7 +110,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def pairs(file: Path) -> Decomposition:
+def pairs(file: Path) -> Eigenpairs:
     """Eigenpairs of the same file by the library."""
     return mv.solve(*mv.cotangent_laplacian(mv.read_mesh(file), robust=True), PAIRS)
 
@@ -138,13 +138,13 @@ def window(file: Path, module_cache: Path) -> Iterator[MainWindow]:
     opened.deleteLater()
 
 
-def between(pairs: Decomposition, at: int) -> float:
+def between(pairs: Eigenpairs, at: int) -> float:
     """Return the mean of two neighbouring eigenvalues."""
     return float(pairs.eigenvalues[at - 1 : at + 1].mean())
 
 
 @pytest.mark.slow
-def test_eigenpairs_are_exported(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
+def test_eigenpairs_are_exported(window: MainWindow, pairs: Eigenpairs, tmp_path: Path) -> None:
     choose(part(window, "field_list"), "Eigenfunctions")
     rest(window)
     archive = exported(window, tmp_path / "pairs.npz")
@@ -155,7 +155,7 @@ def test_eigenpairs_are_exported(window: MainWindow, pairs: Decomposition, tmp_p
 
 
 @pytest.mark.slow
-def test_a_custom_filter(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
+def test_a_custom_filter(window: MainWindow, pairs: Eigenpairs, tmp_path: Path) -> None:
     """Ten filters exp(-λ/σ), with σ = 1e-6 · 2^i, are exported at once."""
     sigmas = 1e-6 * 2.0 ** np.arange(10)
     choose_filter(window, "exp(-x/s)", s=sigmas[3])
@@ -181,7 +181,7 @@ def set_range(
 
 
 @pytest.mark.slow
-def test_a_low_pass(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
+def test_a_low_pass(window: MainWindow, pairs: Eigenpairs, tmp_path: Path) -> None:
     cutoff = between(pairs, 20)
     choose_filter(window, "x < c", c=cutoff)
     wanted = mv.compute_features(pairs, mv.low_pass_bank(cutoff)).values
@@ -191,7 +191,7 @@ def test_a_low_pass(window: MainWindow, pairs: Decomposition, tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_a_band_pass(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
+def test_a_band_pass(window: MainWindow, pairs: Eigenpairs, tmp_path: Path) -> None:
     low, high = between(pairs, 10), between(pairs, 40)
     choose_filter(window, "a <= x <= b", a=low, b=high)
     wanted = mv.compute_features(pairs, mv.band_pass_bank(low, high)).values
@@ -201,7 +201,7 @@ def test_a_band_pass(window: MainWindow, pairs: Decomposition, tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_a_gaussian_pyramid(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
+def test_a_gaussian_pyramid(window: MainWindow, pairs: Eigenpairs, tmp_path: Path) -> None:
     scales = np.geomspace(3e5, 3e6, 8)
     choose_filter(window, "exp(-s*x)", s=scales[0])
     set_range(window, "filter", scales[0], scales[-1], ("filter_low_field", "filter_high_field"))
@@ -219,7 +219,7 @@ def test_a_gaussian_pyramid(window: MainWindow, pairs: Decomposition, tmp_path: 
 
 @pytest.mark.slow
 def test_heat_kernel_signatures_and_what_is_like_a_vertex(
-    window: MainWindow, pairs: Decomposition, tmp_path: Path
+    window: MainWindow, pairs: Eigenpairs, tmp_path: Path
 ) -> None:
     """A pinned vertex is compared with all others by its signature."""
     times = np.geomspace(2e5, 2e6, 12)
@@ -254,7 +254,7 @@ def test_heat_kernel_signatures_and_what_is_like_a_vertex(
 
 
 @pytest.mark.slow
-def test_geometry_vectors(window: MainWindow, pairs: Decomposition, tmp_path: Path) -> None:
+def test_geometry_vectors(window: MainWindow, pairs: Eigenpairs, tmp_path: Path) -> None:
     top = 0.9 * float(pairs.eigenvalues[-1])
     choose(part(window, "field_list"), "Geometry vectors")
     set_range(window, "band", 0.0, top, ("band_min_field", "band_max_field"))
@@ -269,7 +269,7 @@ def test_geometry_vectors(window: MainWindow, pairs: Decomposition, tmp_path: Pa
     assert_same(shown(window), wanted[:, 1])
 
 
-def test_a_map_is_smoothed_by_its_lowest_pairs(window: MainWindow, pairs: Decomposition) -> None:
+def test_a_map_is_smoothed_by_its_lowest_pairs(window: MainWindow, pairs: Eigenpairs) -> None:
     choose(part(window, "field_list"), "Own maps")
     choose(part(window, "map_list"), "depth")
     QTest.mouseClick(part(window, "map_view_pairs"), LEFT)
@@ -279,7 +279,7 @@ def test_a_map_is_smoothed_by_its_lowest_pairs(window: MainWindow, pairs: Decomp
 
 
 @pytest.mark.slow
-def test_a_map_is_passed_through_a_filter(window: MainWindow, pairs: Decomposition) -> None:
+def test_a_map_is_passed_through_a_filter(window: MainWindow, pairs: Eigenpairs) -> None:
     """The map is smoothed by heat flow, by a low-pass, and by a formula."""
     choose(part(window, "field_list"), "Own maps")
     choose(part(window, "map_list"), "depth")

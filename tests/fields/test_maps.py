@@ -22,7 +22,6 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import LiveFeatures
 from meshmash_viewer.spectral import eigenpairs as spectra
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.eigensolver import Decomposition
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 CHOSEN = {name: family() for name, family in FAMILIES.items()}
@@ -36,7 +35,7 @@ class Asked:
 
 
 @pytest.fixture(scope="module")
-def pairs(rectangle: Mesh) -> Decomposition:
+def pairs(rectangle: Mesh) -> Eigenpairs:
     return mv.solve(*mv.cotangent_laplacian(rectangle, robust=True), n_components=60)
 
 
@@ -55,7 +54,7 @@ def mapped(rectangle: Mesh) -> Mesh:
 
 
 @pytest.fixture(scope="module")
-def spectrum(mapped: Mesh, pairs: Decomposition) -> Eigenpairs:
+def spectrum(mapped: Mesh, pairs: Eigenpairs) -> Eigenpairs:
     return replace(spectrum_of(mapped, 60), rows=pairs.rows, mass=pairs.mass, mesh=mapped)
 
 
@@ -111,7 +110,7 @@ def test_mean_curvature_where_faces_disagree_says_so(sphere: Mesh) -> None:
 
 
 def test_the_sum_of_pairs_is_that_of_the_library(
-    spectrum: Eigenpairs, mapped: Mesh, pairs: Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: Eigenpairs
 ) -> None:
     """Sums are correct in any order of the slider's positions."""
     live, values = LiveFeatures(), mapped.map_named("height").values
@@ -125,7 +124,7 @@ def test_the_sum_of_pairs_is_that_of_the_library(
 
 
 def test_dominant_bands_are_those_of_the_library(
-    spectrum: Eigenpairs, mapped: Mesh, pairs: Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: Eigenpairs
 ) -> None:
     with pytest.warns(mv.MissingValuesWarning):
         found = mv.map_spectrum(pairs, mapped.map_named("holed").values)
@@ -141,7 +140,7 @@ def test_dominant_bands_are_those_of_the_library(
 
 
 def test_the_spectrum_of_a_map_is_drawn_and_dragged(
-    spectrum: Eigenpairs, mapped: Mesh, pairs: Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: Eigenpairs
 ) -> None:
     family = OwnMaps(chosen="height", pairs=12)
     shown(spectrum, chosen="height")
@@ -259,7 +258,7 @@ def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(
 
 
 @pytest.mark.slow
-def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: Decomposition) -> None:
+def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: Eigenpairs) -> None:
     def use() -> ReferenceType[Mesh]:
         mesh = replace(rectangle).with_maps(VertexMap("height", rectangle.vertices[:, 0]))
         known = replace(spectrum_of(rectangle, 60), rows=pairs.rows, mass=pairs.mass, mesh=mesh)

@@ -24,7 +24,7 @@ from meshmash_viewer.io.write import check_output, write_eigenpairs, write_featu
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.certificate import Certificate
-from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import NO_VOXEL
 
 pytestmark = pytest.mark.usefixtures("read_here")
@@ -160,7 +160,7 @@ def test_eigenpairs_come_back(
     ending: str, mesh: Mesh, rng: np.random.Generator, tmp_path: Path
 ) -> None:
     k, n = 4, mesh.n_vertices
-    pairs = Decomposition(
+    pairs = Eigenpairs(
         np.arange(k, dtype=np.float64),
         rng.normal(size=(k, n)),
         np.full(k, 1e-12),
