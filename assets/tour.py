@@ -26,6 +26,7 @@ from trimesh.creation import icosphere
 from trimesh.remesh import subdivide
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.executor import is_idle
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
@@ -78,7 +79,7 @@ class Tour:
         if self.document.spectrum is not None:
             self.wait(lambda: self.window.controller.idle)
         self.wait(lambda: self.window.scene.at_rest)
-        self.wait(lambda: self.window.profile_panel.idle)
+        self.wait(lambda: is_idle(self.window))
         pause(700)
 
     def resize(self, width: int, height: int) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 from PySide6.QtCore import QEventLoop, QPoint, Qt, QTimer
 from PySide6.QtTest import QTest
 
+from meshmash_viewer.app.executor import is_idle
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 
@@ -126,7 +127,7 @@ class Hand:
                 QTest.mouseMove(self.canvas, place)
             release = partial(QTest.mouseRelease, self.canvas, LEFT, pos=places[-1])
             took.append(self.timed(release))
-            wait_for(lambda: self.tool.idle)
+            wait_for(lambda: is_idle(self.tool))
         return took
 
     def values(self, count: int) -> list[float]:

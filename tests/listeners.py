@@ -16,16 +16,12 @@ class Listener:
         self.folder = folder
         self.reports: list[Progress] = []
         self.messages: list[Eigenpairs] = []
-        self.remarks: list[str] = []
         self.stop_at = stop_at
 
     def report(self, progress: Progress) -> None:
         self.reports.append(progress)
 
     def send(self, message: object) -> None:
-        if isinstance(message, str):
-            self.remarks.append(message)
-            return
         assert isinstance(message, Eigenpairs)
         # Pickle as on the way to the window, where rows are mapped from a file.
         self.messages.append(pickle.loads(pickle.dumps(message)))

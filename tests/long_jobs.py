@@ -13,11 +13,11 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
-from meshmash_viewer.work import Channel
+from meshmash_viewer.work import Channel, Job
 
 
 @dataclass(frozen=True, eq=False)
-class DoubleJob:
+class DoubleJob(Job):
     """Job that reports, sends half an array and returns it doubled."""
 
     values: np.ndarray
@@ -32,7 +32,7 @@ class DoubleJob:
 
 
 @dataclass(frozen=True)
-class EndlessJob:
+class EndlessJob(Job):
     """Job that works until it is cancelled; if deaf, it never checks."""
 
     deaf: bool = False
@@ -47,7 +47,7 @@ class EndlessJob:
 
 
 @dataclass(frozen=True)
-class ParallelJob:
+class ParallelJob(Job):
     """Job that starts processes, as the solver does, and sends their ids."""
 
     label: str = "Working in parallel"
@@ -66,7 +66,7 @@ def _pid_after(seconds: float) -> int:
 
 
 @dataclass(frozen=True)
-class DyingJob:
+class DyingJob(Job):
     """Job that kills its process."""
 
     signal_name: str = "SIGKILL"
@@ -78,7 +78,7 @@ class DyingJob:
 
 
 @dataclass(frozen=True)
-class FailingJob:
+class FailingJob(Job):
     """Job that fails in the way of its `kind`."""
 
     kind: str

@@ -348,7 +348,7 @@ def test_the_window_gets_no_probabilities_of_a_whole_parcellation(
     options = ClassOptions(kinds=("hks",), classifier="logistic")
     job = ClassesJob(blob, mv.VertexMap("parts", parts, labels=names), pairs, options)
     channel: Any = SimpleNamespace(report=lambda _: None, cancelled=lambda: False)
-    maps = job.run(channel).maps
+    maps, _ = job.run(channel).content
     assert (maps[0].name, maps[-1].name, len(maps)) == ("class", "uncertainty", n_maps)
     if n_maps > 2:
         largest = np.max([each.values for each in maps[1:-1]], axis=0)

@@ -140,8 +140,8 @@ def test_pieces_eigenpairs_and_matches_come_to_the_whole_mesh(path: Path, tmp_pa
 @pytest.fixture
 def document(path: Path, tmp_path: Path) -> Document:
     document, listener = Document(), Listener(tmp_path)
-    document.accept_mesh(ReadJob(path).run(listener))
-    document.accept_mesh(RepairJob(document.mesh, LARGEST, path).run(listener))
+    document.accept_mesh(ReadJob(path).run(listener).content)
+    document.accept_mesh(RepairJob(document.mesh, LARGEST, path).run(listener).content)
     spectrum = spectrum_of(document.mesh, 20)
     document.accept_spectrum(replace(spectrum, operator=OperatorOptions()))
     return document
@@ -183,9 +183,9 @@ def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
     for family, n in ((EXPORTS["hks"].exported(3), 3), (EXPORTS["eigenpairs"].exported(), 12)):
         out = tmp_path / "out.npz"
         job = ExportJob(mesh, operator, out, family, 12, repairs=(LARGEST,), file_mesh=numbers)
-        written = job.run(listener)
-        assert written.description.endswith("at all 206 vertices of the mesh file,")
-        assert written.remark.endswith("Repaired before: Keep the largest component")
+        remark = job.run(listener).remark
+        assert "at all 206 vertices of the mesh file, written to" in remark
+        assert remark.endswith("Repaired before: Keep the largest component.")
         with np.load(out) as archive:
             values = archive["features" if n == 3 else "eigenvectors"]
             np.testing.assert_array_equal(archive["vertices"], raw.vertices)
@@ -193,9 +193,9 @@ def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
         assert values.shape == (206, n)
         assert (meta["mesh"]["hash"], meta["mesh"]["voxel"]) == (raw.content_hash, [8, 8, 8])
         np.testing.assert_array_equal(np.isfinite(values[:, 0]), np.arange(206) >= 44)
-        plain = replace(job, file_mesh=None).run(listener)
-        assert "vertices" not in plain.description
-        assert plain.remark == written.remark
+        plain = replace(job, file_mesh=None).run(listener).remark
+        assert "vertices" not in plain
+        assert plain.endswith("Repaired before: Keep the largest component.")
         assert "Repaired" not in replace(job, repairs=()).run(listener).remark
 
 
@@ -207,19 +207,22 @@ def test_repairs_are_made_again_on_the_numbers_that_they_were_made_on(
     path: Path, tmp_path: Path
 ) -> None:
     listener = Listener(tmp_path)
-    first = ReadJob(path, "8 nm").run(listener)
+    first = ReadJob(path, "8 nm").run(listener).content
     for unit in ("", "mm", "8 nm", "4 x 4 x 40 nm"):
-        again = ReadJob(path, unit, repairs=(DROP, LARGEST), source=first.source).run(listener)
-        assert (again.repairs, again.unasked, again.remark) == ((DROP, LARGEST), True, "")
+        result = ReadJob(path, unit, repairs=(DROP, LARGEST), source=first.source).run(listener)
+        again = result.content
+        assert (again.repairs, again.unasked, result.remark) == ((DROP, LARGEST), True, "")
         assert [mesh.n_vertices for mesh in (*again.before, again.mesh)] == [206, 204, 162]
         assert again.mesh.voxel == again.before[0].voxel
         assert again.mesh.file_index(0) == 44
     save(mv.Mesh(first.mesh.vertices * 1.01, first.mesh.faces), path)
-    changed = ReadJob(path, "8 nm", repairs=(DROP, LARGEST), source=first.source).run(listener)
+    result = ReadJob(path, "8 nm", repairs=(DROP, LARGEST), source=first.source).run(listener)
+    changed = result.content
     assert (changed.repairs, changed.before, changed.unasked) == ((), (), False)
-    assert changed.remark.startswith("balls.npz has changed since it was repaired")
-    assert "Drop unreferenced vertices, Keep the largest component" in changed.remark
+    assert result.remark.startswith("balls.npz has changed since it was repaired")
+    assert "Drop unreferenced vertices, Keep the largest component" in result.remark
     assert changed.mesh.n_vertices == 206
-    asked = ReadJob(path, repairs=(LARGEST, "polish", DROP)).run(listener)  # from a session
+    result = ReadJob(path, repairs=(LARGEST, "polish", DROP)).run(listener)  # from a session
+    asked = result.content
     assert (asked.repairs, asked.unasked, asked.mesh.n_vertices) == ((LARGEST,), False, 162)
-    assert asked.remark.startswith("polish was not made again. There is no repair 'polish'")
+    assert result.remark.startswith("polish was not made again. There is no repair 'polish'")

@@ -8,34 +8,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 from PySide6.QtCore import QObject, Qt, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices
 
 from meshmash_viewer.app.executor import Slot
 from meshmash_viewer.app.listening import listen, receive, stop_listening
 from meshmash_viewer.app.view.camera import geometry_of
-from meshmash_viewer.model.classes import ClassesJob, Classified
-from meshmash_viewer.model.decomposition import is_worthwhile
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import ExportJob, PinExportJob
-from meshmash_viewer.model.jobs import (
-    DecomposeJob,
-    PartJob,
-    PreviewJob,
-    ReadJob,
-    RegionsJob,
-    ResolutionJob,
-)
+from meshmash_viewer.model.jobs import Task
 from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of, notice_of
-from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, PartReady, RegionsReady, Written
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.progress import Cancelled, Progress
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
-from meshmash_viewer.work import Job
+from meshmash_viewer.work import JobResult, Queueing
 
 Result = TypeVar("Result")
 
@@ -149,17 +137,8 @@ def saved_notice(
     return Notice(text, severity, action=show_folder, button=SHOW_IN_FOLDER, brief=True)
 
 
-#: Jobs that wait for the running job, and that are completed before another job starts.
-_EXPORTS = ExportJob, PinExportJob, RegionsJob
-
-
 class Tasks(QObject):
-    """Queue that runs the jobs of a document, one at a time.
-
-    A job that reads another mesh, or computes another decomposition, cancels the running job and
-    is run next; pairs that have converged are stored already. An export is queued, and other jobs
-    wait for a running export.
-    """
+    """Queue that runs the jobs of a document, one at a time, as each says (`Job.queueing`)."""
 
     _received = Signal(str, object)
 
@@ -167,8 +146,8 @@ class Tasks(QObject):
         super().__init__(parent)
         self._document = document
         #: The running job.
-        self.job: Job | None = None
-        self._queue: list[Job] = []
+        self.task: Task | None = None
+        self._queue: list[Task] = []
         self._received.connect(self._take, Qt.ConnectionType.QueuedConnection)
         self.worker = Worker(self._prepare)
         receive(document.work.requested, self.run)
@@ -177,42 +156,44 @@ class Tasks(QObject):
 
     def _prepare(self, kind: str, content: object) -> None:
         """Pass on a message of the worker, after computing the geometry of a new mesh."""
-        if isinstance(content, MeshReady):
-            geometry_of(content.mesh)
+        if isinstance(content, JobResult) and isinstance(content.content, MeshReady):
+            geometry_of(content.content.mesh)
         self._received.emit(kind, content)
 
     def _take(self, kind: str, content: Any) -> None:
         getattr(self, f"_on_{kind}")(content)
 
-    def run(self, job: Job) -> None:
+    def run(self, task: Task) -> None:
         """Run a job now, or add it to the queue."""
-        if self.job is None and self._queue:
-            self._queue.append(job)  # the next job is about to be started
-        elif self.job is None:
-            self._start(job)
-        elif isinstance(job, DecomposeJob) and isinstance(self.job, PreviewJob | ClassesJob):
-            # the running job ends within seconds; of several requests, only the last is kept
-            self._queue = [other for other in self._queue if not isinstance(other, DecomposeJob)]
-            self._queue.insert(0, job)
-        elif isinstance(job, ClassesJob) and not isinstance(self.job, ClassesJob):
-            self._queue = [other for other in self._queue if not isinstance(other, ClassesJob)]
-            self._queue.append(job)
-        elif isinstance(job, _EXPORTS) or isinstance(self.job, _EXPORTS):
-            self._queue.append(job)
-            self._document.notices.say(f"{job.label} waits for: {self.job.label}.")
-        elif isinstance(job, DecomposeJob) and not isinstance(self.job, DecomposeJob):
-            text, running = f"{self.job.label} is not done yet: compute when it is.", self.job
+        running = self.task
+        if running is None:
+            self._queue.append(task)
+            if len(self._queue) == 1:  # otherwise the next job is about to be started
+                self._start_next()
+            return
+        new, now = task.job.queueing, running.job.queueing
+        same = type(task.job) is type(running.job)
+        complete, brief, alone = Queueing.COMPLETE, Queueing.BRIEF, Queueing.ALONE
+        if not same and (new is brief or (new is alone and now is brief)):
+            self._drop(lambda waiting: type(waiting.job) is type(task.job))
+            self._queue.append(task)
+        elif complete in (new, now):
+            self._queue.append(task)
+            self._document.notices.say(f"{task.job.label} waits for: {running.job.label}.")
+        elif new is alone and not same:
+            text = f"{running.job.label} is not done yet: compute when it is."
             self._document.notices.show(
-                Notice(text, Severity.WARNING, holds=lambda: self.job is running)
+                Notice(text, Severity.WARNING, holds=lambda: self.task is running)
             )
+            task.then(task)
         else:
-            self._queue = [waiting for waiting in self._queue if isinstance(waiting, _EXPORTS)]
-            self._queue.insert(0, job)
+            self._drop(lambda waiting: waiting.job.queueing is not complete)
+            self._queue.insert(0, task)
             self.worker.cancel()
 
     def cancel(self) -> None:
         """Cancel the running job, and drop the waiting jobs."""
-        self._queue.clear()
+        self._drop(lambda _: True)
         self.worker.cancel()
 
     def close(self) -> None:
@@ -221,100 +202,65 @@ class Tasks(QObject):
         self._queue.clear()
         self.worker.close()
 
-    def _start(self, job: Job) -> None:
-        self.job = job
-        document = self._document
-        document.work.started(job, document.solve.expected_of(job))
-        self.worker.submit(job)
+    def _drop(self, is_dropped: Callable[[Task], bool]) -> None:
+        """Drop waiting jobs."""
+        dropped = [task for task in self._queue if is_dropped(task)]
+        self._queue = [task for task in self._queue if task not in dropped]
+        for task in dropped:
+            task.then(task)
+
+    def _start_next(self) -> None:
+        if self._queue and self.task is None:
+            self.task = self._queue.pop(0)
+            self._document.work.started(self.task)
+            self.worker.submit(self.task.job)
 
     def _end(self, notice: Notice | None = None, whole: bool = False) -> None:
-        self.job = None
+        self.task = None
         self._document.maps.end_growing(whole)
         self._document.work.ended()
         if notice is not None:
             self._document.notices.show(notice)
-        if self._queue and self.job is None:
-            self._start(self._queue.pop(0))
+        self._start_next()
 
     def _on_mesh_changed(self) -> None:
         """Cancel the job if its mesh is no longer displayed, for example after an undo."""
-        job, document = self.job, self._document
-        if isinstance(job, DecomposeJob | PreviewJob | ClassesJob | ResolutionJob):
-            stale = not document.is_solved(job.mesh)
-        else:
-            stale = isinstance(job, PiecesJob) and not document.is_shown(job.mesh)
-        if stale:
+        if self.task is not None and not self.task.needed():
             self.worker.cancel()
 
     def _on_progressed(self, progress: Progress) -> None:
         self._document.work.progressed(progress)
 
-    def _on_sent(self, message: object) -> None:
-        job = self.job
-        if isinstance(message, MapGrew) and isinstance(job, PiecesJob):
-            self._document.maps.grow(job.mesh, message)
-        elif isinstance(job, DecomposeJob | PreviewJob) and self._document.is_solved(job.mesh):
-            if isinstance(message, Eigenpairs):
-                self._document.accept_spectrum(message)
-            elif isinstance(message, str):
-                self._document.notices.say(message, Severity.WARNING)
+    def _on_sent(self, part: object) -> None:
+        if self.task is not None and self.task.needed():
+            self.task.receive(part)
 
-    def _on_finished(self, result: object) -> None:
+    def _on_finished(self, result: JobResult) -> None:
+        assert self.task is not None
         try:
-            notice, whole = self._accept(result)
+            self.task.take(result.content)
         except Exception:
             self._end()  # the job has ended, although a listener has failed
             raise
-        self._end(notice, whole)
-
-    def _accept(self, result: object) -> tuple[Notice | None, bool]:
-        """Store the result of a job; return a notice, and whether maps in pieces are complete."""
-        if isinstance(result, MeshReady):
-            self._document.accept_mesh(result)
-            if is_worthwhile(result):
-                self._queue.append(PreviewJob(result.mesh, self._document.solve.operator))
-        elif isinstance(result, PartReady):
-            if isinstance(self.job, PartJob) and self._document.is_shown(self.job.mesh):
-                self._document.accept_part(result)
-        elif isinstance(result, RegionsReady) and isinstance(self.job, RegionsJob):
-            self._document.labels.accept_regions(self.job, result)
-        elif isinstance(result, Written):
-            written = f"{result.description} written to {result.path}."
-            if result.remark:
-                written += f" {result.remark}."
-            warns = bool(result.remark) and result.warns
-            severity = Severity.WARNING if warns else Severity.INFORMATION
-            return saved_notice(self._document, written, result.path, severity), True
-        elif isinstance(result, np.ndarray) and isinstance(self.job, ResolutionJob):
-            if self._document.is_solved(self.job.mesh):
-                self._document.accept_errors(result)
-            return None, False
-        elif isinstance(result, Classified) and isinstance(self.job, ClassesJob):
-            self._document.classes.accept(self.job, result)
-            return None, False
+        severity = Severity.WARNING if result.warns else Severity.INFORMATION
+        if result.path is not None:
+            self._end(saved_notice(self._document, result.remark, result.path, severity), True)
         else:
-            self._on_sent(result)
-            return None, False
-        return Notice(result.remark, Severity.WARNING) if result.remark else None, False
+            self._end(Notice(result.remark, severity) if result.remark else None)
 
     def _on_failed(self, failure: Failure) -> None:
-        if isinstance(self.job, ReadJob) and self._document.following:
-            names = ", ".join(path.name for path in self._document.following)
-            failure = replace(failure, text=f"{failure.text} Not opened either: {names}.")
-        notice, job = notice_of(failure), self.job
-        if isinstance(job, PiecesJob) and failure.code == "seams-differ":
-            accepted = partial(self._document.work.request, replace(job, accept_seams=True))
-            notice = replace(notice, action=accepted, button="Accept the seams")
+        task = self.task
+        lost = "" if task is None else task.lost()
+        notice = notice_of(replace(failure, text=failure.text + lost))
+        if task is not None and isinstance(task.job, PiecesJob) and failure.code == "seams-differ":
+            accepting = replace(task.job, accept_seams=True)
+            again = partial(self._document.work.request, accepting, task.accept)
+            notice = replace(notice, action=again, button="Accept the seams")
         self._end(notice)
 
     def _on_cancelled(self, _: None) -> None:
-        job, spectrum = self.job, self._document.spectrum
-        if self._queue or job is None:  # another job replaces this one
+        task = self.task
+        if self._queue or task is None:  # another job replaces this one
             self._end()
-        elif not isinstance(job, DecomposeJob):
-            self._end(Notice(f"Cancelled: {job.label}."))
-        elif spectrum is None or not len(spectrum.exact):
-            self._end(Notice("Cancelled before any eigenpair converged."))
         else:
-            kept = counted(len(spectrum.exact), "eigenpair")
-            self._end(Notice(f"Cancelled; {kept} that converged before are kept."))
+            self._end(Notice(task.cancelled() or f"Cancelled: {task.job.label}."))

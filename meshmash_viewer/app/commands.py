@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.point_tool import PointTool
     from meshmash_viewer.app.select_tool import SelectTool
+    from meshmash_viewer.model.pieces import PiecesJob
 
 #: Checkable commands that set the attribute of the display of the same name.
 _SHOWN = ("nodal_lines", "label_borders", "label_graph", "hide_small")
@@ -205,7 +206,15 @@ class Commands:
         from meshmash_viewer.app.dialogs.export_dialog import PiecesDialog
 
         dialog = PiecesDialog(self._document, self._settings.folder, self._window)
-        ask(dialog, lambda: self._document.work.request(dialog.job()))
+        ask(dialog, lambda: self._compute_pieces(dialog.job()))
+
+    def _compute_pieces(self, job: PiecesJob) -> None:
+        document = self._document
+        document.work.request(
+            job,
+            receive=partial(document.maps.grow, job.mesh),
+            needed=partial(document.is_shown, job.mesh),
+        )
 
     def save_shape(self, path: Path) -> None:
         from meshmash_viewer.app.shape_source import shape_writer

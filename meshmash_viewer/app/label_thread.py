@@ -74,11 +74,6 @@ class LabelThread(QObject):
         for name, marks in drawn.items():
             self._scene.set_marks(marks, name)
 
-    @property
-    def idle(self) -> bool:
-        """Whether the current labels are measured, and their borders and graph drawn."""
-        return not self._slot.working
-
     def _take(self, asked: _Asked, found: tuple[LabelSizes, _Drawn]) -> None:
         if asked is self._asked:
             sizes, drawn = found

@@ -47,7 +47,6 @@ from meshmash_viewer.app.stage import DropAreas, Stage
 from meshmash_viewer.io.links import is_link, link_file, name_and_place, parse_link, shown_path
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, step
-from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pins import pin_at
@@ -350,10 +349,8 @@ class MainWindow(ScriptedWindow):
         state = self.document.work.job
         if state is None and self.document.solve.seconds_rate is not None:
             self.settings.seconds_rate = self.document.solve.seconds_rate
-        if state is not None and isinstance(state.job, ReadJob):
-            self.stage.welcome.set_reading(f"{state.job.label} …")
-        elif self.document.mesh is None:  # otherwise the render replaces the welcome page soon
-            self.stage.welcome.set_reading("")
+        if self.document.mesh is None:  # otherwise the render replaces the welcome page soon
+            self.stage.welcome.set_reading("" if state is None else f"{state.job.label} …")
 
     def _refresh_actions(self) -> None:
         self.commands.refresh()

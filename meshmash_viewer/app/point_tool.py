@@ -58,11 +58,6 @@ class PointTool(QObject):
         receive(document.points.requested, self._restore)
         self.refresh()
 
-    @property
-    def idle(self) -> bool:
-        """Whether the points of the document have been drawn and counted."""
-        return not self._slot.working
-
     # -- reading ------------------------------------------------------------------------------
 
     def open_points(self) -> None:

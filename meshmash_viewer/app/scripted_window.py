@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.commands import Commands
     from meshmash_viewer.app.controller import Controller
     from meshmash_viewer.app.opening import Opening
-    from meshmash_viewer.app.point_tool import PointTool
     from meshmash_viewer.app.shape_source import ShapeSource
     from meshmash_viewer.app.view.mesh_view import MeshView
     from meshmash_viewer.app.view.render_widget import RenderWidget
@@ -37,7 +36,6 @@ class ScriptedWindow(QMainWindow):
     shape_source: ShapeSource
     background_io: BackgroundIO
     opening: Opening
-    point_tool: PointTool
 
     @property
     def plotter(self) -> RenderWidget:

@@ -127,11 +127,6 @@ class SelectTool(QObject):
         return mesh is not None and known is not None and known[0].vertices is mesh.vertices
 
     @property
-    def idle(self) -> bool:
-        """Whether nothing is being computed."""
-        return not (self._preparing.working or self._masks.working)
-
-    @property
     def field(self) -> Field | None:
         """The displayed field, to whose values `range` applies."""
         return self._controller.field

@@ -17,7 +17,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import read_saved_classes
 from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import ReadJob
+from meshmash_viewer.model.jobs import Task
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.pins import Pin, free_number
@@ -138,45 +138,29 @@ class Restoration:
         #: The session, and its file.
         self.session, self.path = session, path
         self._mesh_path = Path(session.mesh_path)
-        self._before = document.ready
-        self._started = False
+        self._stopped = False
         #: Whether `restored` has been emitted.
         self.done = False
 
     def begin(self) -> None:
-        self._document.work.changed.connect(self._advance)
         session = self.session
         source = session.source if self._saved_itself else ""
         self._document.open_mesh(
             self._mesh_path, session.unit, session.operator, repairs=session.repairs, source=source,
-            maps=self._maps, target=session.target,
+            maps=self._maps, target=session.target, then=self._advance,
         )  # fmt: skip
 
     def stop(self) -> None:
-        """Disconnect from the document, so that nothing more is restored."""
-        self._document.work.changed.disconnect(self._advance)
-        self._before = None  # frees the previous mesh with its eigenpairs
+        """Restore nothing more."""
+        self._stopped = True
 
-    def _advance(self) -> None:
+    def _advance(self, task: Task) -> None:
         """Restore the state of the document once the mesh has been read and repaired."""
-        document = self._document
-        if document.work.job is not None:
-            job = document.work.job.job
-            mine = isinstance(job, ReadJob) and job.path.absolute() == self._mesh_path
-            self._started = self._started or mine
-        elif not self._started:
-            pass  # a previous job has been stopped; reading the mesh starts next
-        elif (
-            document.ready is self._before  # reading has failed, and a message is shown
-            or document.path is None
-            or document.path.absolute() != self._mesh_path
-        ):
-            self.stop()
-        else:
+        if task.succeeded and not self._stopped:
+            document = self._document
             document.solve.operator = self.session.operator
             if self.session.target is not None:
                 document.solve.target = self.session.target
-            self.stop()
             with document.history.paused():
                 self._restore()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 from weakref import WeakKeyDictionary
@@ -17,14 +18,14 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.parameter import Name, NotNegative, Text, checked_entry
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.learn import Classifier, ColumnKind
-from meshmash_viewer.model.jobs import MeshJob, Work, heard_warnings
+from meshmash_viewer.model.jobs import MeshJob, Task, Work, heard_warnings
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.vertex_map import VertexMap
-from meshmash_viewer.work import Channel
+from meshmash_viewer.work import Channel, JobResult, Queueing
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features
@@ -74,17 +75,10 @@ def read_saved_classes(content: object, path: Path) -> SavedClasses:
 
 
 @dataclass(frozen=True, eq=False)
-class Classified:
-    """Maps and scores of a prediction; without maps, `learned.said` is the reason."""
-
-    maps: tuple[VertexMap, ...]
-    learned: Learned
-
-
-@dataclass(frozen=True, eq=False)
 class ClassesJob(MeshJob):
-    """Job that trains on a label set and predicts all vertices; returns `Classified`.
+    """Job that trains on a label set and predicts all vertices.
 
+    The content is the maps and their `Learned`, which without maps has the reason.
     `live` is True if a change of the labels requested the job, not the user.
     """
 
@@ -94,8 +88,9 @@ class ClassesJob(MeshJob):
     live: bool = False
 
     doing: ClassVar[str] = "Classifying"
+    queueing = Queueing.BRIEF
 
-    def run(self, channel: Channel) -> Classified:
+    def run(self, channel: Channel) -> JobResult:
         from meshmash_viewer.learn.classes import predict_classes, train_classes
         from meshmash_viewer.learn.columns import ClassColumns
 
@@ -122,13 +117,13 @@ class ClassesJob(MeshJob):
                 )  # fmt: skip
                 found = predict_classes(self.mesh, model, **callbacks)
         except InputError as fault:
-            return Classified((), Learned(str(fault)))
+            return JobResult(((), Learned(str(fault))))
         few = len(found.probabilities) <= _MOST_PROBABILITIES
         numbers = (*(found.probabilities if few else ()), found.uncertainty)
         smaller = (replace(each, values=each.values.astype(np.float32)) for each in numbers)
         said = _described(model) if scored else "Press Classify for scores."
         learned = Learned(" ".join([said, *heard]), self.labels.name)
-        return Classified((found.labels, *smaller), learned)
+        return JobResult(((found.labels, *smaller), learned))
 
 
 #: Cache of the last computed columns, for repeated training after each brush stroke.
@@ -171,6 +166,7 @@ class Classes:
         self._awaiting: tuple[Learned, bool] | None = None
         #: Labels and options of the last request.
         self._requested: _Source | None = None
+        self._running: Task | None = None
         #: Label set for which training failed, and the reason.
         self._refused: tuple[VertexMap, str] | None = None
         for signal in (opened.spectrum_changed, labels.changed):
@@ -242,6 +238,11 @@ class Classes:
         predicted = self._labels.predicted
         return (None, None) if predicted is None else self._known.get(predicted, (None, None))
 
+    @property
+    def runs(self) -> bool:
+        """Whether a prediction is being computed."""
+        return self._running is not None and self._running is self._work.job
+
     def plain(self) -> dict[str, Any]:
         """Return options and scores as values for JSON."""
         saved = SavedClasses(**vars(self._options), live=self._live, outdated=self.outdated,
@@ -269,24 +270,24 @@ class Classes:
             if name.startswith("uncertainty"):
                 self._maps.show(name)
 
-    def accept(self, job: ClassesJob, result: Classified) -> None:
+    def _accept(self, job: ClassesJob, found: tuple[Sequence[VertexMap], Learned]) -> None:
         """Add the maps of a result, unless the job is live and the labels have changed since."""
-        same = job.labels is self._labels.current
-        if not self._opened.is_solved(job.mesh) or (job.live and not same):
+        if job.live and job.labels is not self._labels.current:
             return
+        maps, learned = found
         self._refused = self._awaiting = None
-        if result.maps:
+        if maps:
             own, displayed = self._own, self._maps.displayed
-            self._maps.exchange("" if job.live else "classes", own, result.maps)
+            self._maps.exchange("" if job.live else "classes", own, maps)
             predicted = self._labels.predicted
             assert predicted is not None
-            self._known[predicted] = result.learned, (job.labels, job.options)
+            self._known[predicted] = learned, (job.labels, job.options)
             if not job.live and displayed not in self._own:
                 self._maps.show(predicted.name)
         else:
-            self._refused = job.labels, result.learned.said
+            self._refused = job.labels, learned.said
             if not job.live:
-                self._notices.say(result.learned.said, Severity.WARNING)
+                self._notices.say(learned.said, Severity.WARNING)
         self.changed.emit()
 
     @property
@@ -326,4 +327,7 @@ class Classes:
         assert spectrum is not None
         mesh = solved.mesh.with_only_maps()  # the worker needs no maps
         self._requested = labels, self._options
-        self._work.request(ClassesJob(mesh, labels, spectrum, self._options, live))
+        job = ClassesJob(mesh, labels, spectrum, self._options, live)
+        self._running = self._work.request(
+            job, partial(self._accept, job), needed=partial(self._opened.is_solved, mesh)
+        )

@@ -30,11 +30,11 @@ _GROWTH_SECONDS = 0.3
 
 def decompose(
     mesh: Mesh, operator: OperatorOptions, target: Target, channel: Channel
-) -> Eigenpairs:
+) -> tuple[Eigenpairs, str]:
     """Compute and store the missing eigenpairs of a mesh, and return all requested eigenpairs.
 
-    Converging pairs are sent through the channel as `Eigenpairs`, and remarks on the store as
-    text. The returned pairs include their certificate.
+    Converging pairs are sent through the channel as `Eigenpairs`. The returned pairs include their
+    certificate; the returned text is a remark on the store, or "".
 
     `InputError` is raised if the pairs do not fit into memory or on the disk, and `Cancelled` if
     the user cancelled; converged pairs stay in the store.
@@ -53,9 +53,7 @@ def decompose(
     except Cancelled:
         growth.send()
         raise
-    if remark:
-        channel.send(remark)
-    return growth.aligned(with_stored_errors(mesh, pairs, channel.folder / SPARE))
+    return growth.aligned(with_stored_errors(mesh, pairs, channel.folder / SPARE)), remark
 
 
 class _Growth:

@@ -22,17 +22,17 @@ from meshmash_viewer.model.display import Cut, Display, Shape
 from meshmash_viewer.model.history import History, Step
 from meshmash_viewer.model.jobs import (
     InspectJob,
-    JobState,
     PartJob,
     ReadJob,
     RepairJob,
     ScaleJob,
+    Task,
     Work,
 )
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices
-from meshmash_viewer.model.open_mesh import MeshReady, OpenMesh, PartReady, Shown
+from meshmash_viewer.model.open_mesh import MeshReady, OpenMesh, Shown
 from meshmash_viewer.model.pins import Pins, followed_pins, same_vertex
 from meshmash_viewer.model.points import DocumentPoints
 from meshmash_viewer.model.selection import Hiding, Selection, followed_mask
@@ -98,8 +98,7 @@ class Document(OpenMesh):
         )
         self.classes = Classes(self, self.maps, self.labels, self.work, self.notices)
         self.history.started.connect(self.classes.restore)
-        self.solve = Solve(self, self.work)
-        self.work.finished.connect(self._on_finished)
+        self.solve = Solve(self, self.work, self.accept_spectrum)
         self.work.requested.connect(self.notices.begin_turn)
         for signal in (
             self.mesh_changed, self.spectrum_changed, self.pins.changed, self.history.changed,
@@ -108,17 +107,11 @@ class Document(OpenMesh):
             signal.connect(self.notices.review)
         #: The pending undo, whose former mesh is being computed again.
         self._undoing: _Undoing | None = None
-        #: Whether to decompose the requested part, and whether to record it in the history.
-        self._computes_part = self._records_part = False
-        #: The mesh before a repair, if the repaired mesh is to be decomposed.
-        self._computes_after: MeshReady | None = None
         self._file_mesh: Mesh | None = None
         #: Of a mesh that was repaired: the displayed family and all families before the repair.
         self._sources: WeakKeyDictionary[MeshReady, tuple[str, Mapping[str, Family]]]
         self._sources = WeakKeyDictionary()
         self._preview: Eigenpairs | None = None
-        #: A mesh file that is being read, and the files of maps to read after it.
-        self._maps_of: tuple[Path, tuple[Path, ...]] | None = None
         #: Files to open after the mesh that is being read, which a failure of reading leaves out.
         self.following: tuple[Path, ...] = ()
 
@@ -159,6 +152,7 @@ class Document(OpenMesh):
         repairs: Sequence[str] = (),
         source: str = "",
         target: Target | None = None,
+        then: Callable[[Task], object] = lambda _: None,
     ) -> None:
         """Request to read a mesh file; the open mesh stays until the file has been read.
 
@@ -166,16 +160,21 @@ class Document(OpenMesh):
         operator; `maps` are files of maps to add (`Maps.open`). `repairs` are applied in this
         order; `source` is the hash of the content for which they were made, see `ReadJob`. `target`
         is the part of the spectrum to show if it is stored; else the stored one used last is shown.
+        `then` is called once the file is read, or is not going to be.
         """
         path = Path(path).absolute()  # for notices and scripts
-        self._maps_of = (path, tuple(maps)) if maps else None
         self.following = tuple(maps)
-        operator = operator or self.solve.operator
-        self.work.request(ReadJob(path, unit, operator, tuple(repairs), source, target))
+        job = ReadJob(path, unit, operator or self.solve.operator, tuple(repairs), source, target)
+        accept = partial(self._take_mesh, maps=tuple(maps))
+        self.work.request(job, accept, then=then, lost=self._not_opened)
+
+    def _not_opened(self) -> str:
+        names = ", ".join(path.name for path in self.following)
+        return f" Not opened either: {names}." if names else ""
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Request to show a mesh in memory."""
-        self.work.request(InspectJob(mesh, self.solve.operator))
+        self.work.request(InspectJob(mesh, self.solve.operator), self._take_mesh)
 
     def set_unit(self, text: str) -> None:
         """Set the unit of the coordinates, or the voxel size of coordinates in voxels.
@@ -197,17 +196,26 @@ class Document(OpenMesh):
             self._emit_all()
             self._announce_unit(before, "the coordinates keep their numbers")
         else:
-            self.work.request(self._scaling(self._settled().mesh, self.repairs, voxel, unit))
+            job = self._scaling(self._settled().mesh, self.repairs, voxel, unit)
+            self.work.request(job, self._take_mesh)
 
     def repair(self, name: str, *, then_compute: bool = False) -> None:
         """Request a repair of `meshmash_viewer.health.REPAIRS`; `then_compute` solves after it."""
         if self.ready is not None:
             ready, operator = self._settled(), self.solve.operator
-            self._computes_after = self.ready if then_compute else None
             job = RepairJob(
                 ready.mesh, name, ready.path, operator, ready.repairs, self.solve.target
             )
-            self.work.request(job)
+            if then_compute:
+                accept = partial(self._take_mesh, keeps_target=True)
+                self.work.request(job, accept, then=self._compute_after)
+            else:
+                self.work.request(job, self._take_mesh)
+
+    def _compute_after(self, task: Task) -> None:
+        """Decompose the mesh or its part after a repair or the choice of the part."""
+        if task.succeeded and self.solve.can_compute:
+            self.solve.compute()
 
     def take_part(self, mask: npt.NDArray[np.bool_] | None, *, then_compute: bool = False) -> None:
         """Request the eigenpairs on a mask of vertices, shape (n,), or on the whole mesh (None).
@@ -216,22 +224,38 @@ class Document(OpenMesh):
         `then_compute`, only stored eigenpairs are used.
         """
         if self.ready is not None:
-            self._computes_part, self._records_part = then_compute, not self.history.is_paused
-            solve = self.solve
-            self.work.request(PartJob(self._settled().mesh, mask, solve.operator, solve.target))
+            job = PartJob(self._settled().mesh, mask, self.solve.operator, self.solve.target)
+            self.work.request(
+                job,
+                partial(
+                    self.accept_part, computes=then_compute, records=not self.history.is_paused
+                ),
+                needed=partial(self.is_shown, job.mesh),
+                then=self._compute_after if then_compute else lambda _: None,
+            )
 
-    def accept_part(self, result: PartReady) -> None:
-        """Show the stored eigenpairs of a part or of the whole mesh."""
-        if self._records_part:
+    def accept_part(
+        self,
+        found: tuple[MeshReady | None, Eigenpairs | None],
+        *,
+        computes: bool = False,
+        records: bool = False,
+    ) -> None:
+        """Show the stored eigenpairs of a part or of the whole mesh (None).
+
+        `computes` states that they are computed next, and `records` whether undo returns.
+        """
+        part, known = found
+        if records:
             self.history.record("part that is computed", "mesh", "signs", "rotation", "selection")
         with self.history.paused():
-            if self._computes_part:
+            if computes:
                 self.selection.put(None)  # the selection would cover the field
-            ready = replace(self._settled(), part=result.part)
+            ready = replace(self._settled(), part=part)
             # a session is restored with its own parameters
-            self._take_part(ready, result.known, resets=self._records_part)
-            if not self._computes_part:
-                self._restore_target(result.known)
+            self._take_part(ready, known, resets=records)
+            if not computes:
+                self._restore_target(known)
 
     def _take_part(
         self, ready: MeshReady, spectrum: Eigenpairs | None, *, resets: bool = True
@@ -288,7 +312,7 @@ class Document(OpenMesh):
             else:
                 job = self._scaling(shown.mesh, shown.repairs, self.mesh.voxel, self.mesh.unit)
                 self._undoing = _Undoing(self.history.past[-1], job)
-                self.work.request(job)
+                self.work.request(job, self._take_mesh, then=self._end_undoing)
             return False
         return True
 
@@ -343,8 +367,24 @@ class Document(OpenMesh):
 
     # -- results ----------------------------------------------------------------------------
 
-    def accept_mesh(self, ready: MeshReady) -> None:
-        """Show a mesh that was read or repaired, with its stored spectrum."""
+    def _take_mesh(
+        self, ready: MeshReady, maps: tuple[Path, ...] = (), *, keeps_target: bool = False
+    ) -> None:
+        """Show a mesh, then read maps from files, and request a preview of its eigenpairs."""
+        self.accept_mesh(ready, keeps_target=keeps_target)
+        if maps:
+            self.maps.open(maps)
+        self.solve.preview(ready)
+
+    def _end_undoing(self, task: Task) -> None:
+        if self._undoing is not None and task.job is self._undoing.job:
+            self._undoing = None
+
+    def accept_mesh(self, ready: MeshReady, *, keeps_target: bool = False) -> None:
+        """Show a mesh that was read or repaired, with its stored spectrum.
+
+        The target is set to that of the stored spectrum, unless `keeps_target`.
+        """
         if self.solve.target.kind != "count" and not self._measures_as(ready):
             # a length or an eigenvalue does not suit a mesh of another size
             self.solve.target = DEFAULT_TARGET
@@ -362,11 +402,8 @@ class Document(OpenMesh):
             if ready.unasked:
                 text = f"Repaired as before: {listed_repairs(ready.repairs)}."
                 self._offer_undo(text)
-        if self._computes_after is None:
+        if not keeps_target:
             self._restore_target(ready.known)
-        if self._maps_of is not None and self._maps_of[0] == ready.path:
-            (_, files), self._maps_of = self._maps_of, None
-            self.maps.open(files)
 
     def _restore_target(self, stored: Eigenpairs | None) -> None:
         """Set the target to what was asked for the stored pairs of a mesh."""
@@ -496,28 +533,9 @@ class Document(OpenMesh):
             self._go_within(spectrum)
         self.spectrum_changed.emit()
 
-    def accept_errors(self, errors: npt.NDArray[np.float64]) -> None:
-        """Take errors of the first eigenvalues, measured on a finer mesh."""
-        if self.spectrum is not None:
-            self.spectrum = self.spectrum.with_measured(errors)
-            self.spectrum_changed.emit()
-
     def _go_within(self, spectrum: Eigenpairs) -> None:
         """Clip the position of every family to the range of a spectrum."""
         self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
-
-    def _on_finished(self, job: JobState) -> None:
-        if self._undoing is not None and job.job is self._undoing.job:
-            self._undoing = None
-        if isinstance(job.job, RepairJob):
-            before, self._computes_after = self._computes_after, None
-            if before is not None and self.ready is not before:
-                self.solve.compute()
-        elif isinstance(job.job, PartJob):
-            computes, self._computes_part = self._computes_part, False
-            taken = (self.part_mesh is None) == (job.job.mask is None)
-            if computes and taken and self.solve.can_compute:
-                self.solve.compute()
 
     # -- the displayed family ----------------------------------------------------------------
 

@@ -15,7 +15,6 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh, mask_text
-from meshmash_viewer.model.open_mesh import Written
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -23,7 +22,7 @@ from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.structures import unstated_structure
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart
-from meshmash_viewer.work import Channel
+from meshmash_viewer.work import Channel, Job, JobResult, Queueing
 
 
 def write_results(
@@ -56,8 +55,14 @@ def write_results(
         write_eigenpairs(path, results, file_mesh or mesh, meta)
 
 
+def written(path: Path, description: str, remark: str, *, warns: bool) -> JobResult:
+    """Return the result of a job that has written a file, with a remark without a full stop."""
+    text = f"{description} written to {path}." + (f" {remark}." if remark else "")
+    return JobResult(remark=text, warns=warns and bool(remark), path=path)
+
+
 @dataclass(frozen=True, eq=False)
-class ExportJob:
+class ExportJob(Job):
     """Job that computes features by the direct sum, or reads eigenpairs, and writes a file."""
 
     mesh: Mesh
@@ -79,11 +84,13 @@ class ExportJob:
     #: The part of the mesh that was decomposed, None for the whole; other vertices are NaN.
     part: Mesh | None = None
 
+    queueing = Queueing.COMPLETE
+
     @property
     def label(self) -> str:
         return f"Writing {self.path.name}"
 
-    def run(self, channel: Channel) -> Written:
+    def run(self, channel: Channel) -> JobResult:
         """Write the file.
 
         `InputError` is raised if the stored eigenpairs are missing or damaged, or the file cannot
@@ -116,7 +123,7 @@ class ExportJob:
 
     def _write(
         self, results: Features | Eigenpairs, pairs: Eigenpairs | None, proof: str, kind: str
-    ) -> Written:
+    ) -> JobResult:
         from meshmash_viewer.io.provenance import export_options
 
         description, missing = counted(self.n_pairs, "eigenpair"), ""
@@ -147,7 +154,7 @@ class ExportJob:
         if structure:
             structure += ": name the file of the mesh lh.… or rh.…"
         remark = ". ".join(filter(None, (missing, repairs, structure)))
-        return Written(self.path, description, remark, warns=bool(missing))
+        return written(self.path, description, remark, warns=bool(missing))
 
 
 def maps_alone(mesh: Mesh) -> Features:
@@ -177,7 +184,7 @@ def stored_pairs(
 
 
 @dataclass(frozen=True, eq=False)
-class PinExportJob:
+class PinExportJob(Job):
     """Job that computes features by the direct sum, and writes a table with a row for each pin."""
 
     mesh: Mesh
@@ -192,11 +199,13 @@ class PinExportJob:
     #: What was asked for when the pairs were computed, by default as many as are used.
     target: Target | None = None
 
+    queueing = Queueing.COMPLETE
+
     @property
     def label(self) -> str:
         return f"Writing {self.path.name}"
 
-    def run(self, channel: Channel) -> Written:
+    def run(self, channel: Channel) -> JobResult:
         """Write the file.
 
         `InputError` is raised if the stored eigenpairs are missing or damaged, a column cannot be
@@ -234,4 +243,4 @@ class PinExportJob:
         channel.report(Progress("writing", message=self.label))
         write_pins(self.path, columns)
         description = f"{counted(len(vertices), 'pin')}, {counted(len(columns), 'column')},"
-        return Written(self.path, description, ". ".join(missing), warns=bool(missing))
+        return written(self.path, description, ". ".join(missing), warns=bool(missing))

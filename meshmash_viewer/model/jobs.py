@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,19 +24,19 @@ from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_
 from meshmash_viewer.io.links import name_and_place
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.open_mesh import MeshReady, PartReady, RegionsReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import NO_VOXEL, Voxel
 from meshmash_viewer.vertex_map import VertexMap
-from meshmash_viewer.work import Channel, Job
+from meshmash_viewer.work import Channel, Job, JobResult, Queueing
 
 
 @dataclass(frozen=True)
-class ReadJob:
-    """Job that reads a mesh file; returns `MeshReady`, with the stored eigenpairs of the operator.
+class ReadJob(Job):
+    """Job that reads a mesh file; the content is `MeshReady`, with stored eigenpairs.
 
     `unit` is a text for `quantities.parse_unit`; empty for the unit stated in the file. `repairs`
     are applied in this order. If `source`, the hash of the mesh for which they were made, differs
@@ -55,7 +55,7 @@ class ReadJob:
     def label(self) -> str:
         return f"Reading {name_and_place(self.path)[0]}"
 
-    def run(self, channel: Channel) -> MeshReady:
+    def run(self, channel: Channel) -> JobResult:
         channel.report(Progress("reading", message=self.label))
         with heard_warnings() as heard:
             mesh, source = _read(self.path, self.unit, channel)
@@ -71,18 +71,19 @@ class ReadJob:
                 f" the repairs were: {listed_repairs(self.repairs)}."
             )
         *before, mesh = series
+        ready, said = _inspect(mesh, self.operator, self.target, channel, path=self.path)
         ready = replace(
-            _inspect(mesh, self.operator, self.target, channel, path=self.path),
+            ready,
             repairs=self.repairs[: len(before)],
             before=tuple(before),
             source=source,
             unasked=bool(before and self.source),
         )
-        return replace(ready, remark=" ".join(filter(None, [remark, *heard, ready.remark])))
+        return JobResult(ready, " ".join(filter(None, [remark, *heard, said])))
 
 
 @dataclass(frozen=True, eq=False)
-class MeshJob:
+class MeshJob(Job):
     """Base of the jobs on a mesh in memory."""
 
     mesh: Mesh
@@ -95,38 +96,43 @@ class MeshJob:
 
 @dataclass(frozen=True, eq=False)
 class InspectJob(MeshJob):
-    """Job that inspects a mesh passed in memory; returns `MeshReady`."""
+    """Job that inspects a mesh passed in memory; the content is `MeshReady`."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
     target: Target | None = None
 
     doing: ClassVar[str] = "Inspecting"
 
-    def run(self, channel: Channel) -> MeshReady:
-        return _inspect(self.mesh, self.operator, self.target, channel)
+    def run(self, channel: Channel) -> JobResult:
+        return JobResult(*_inspect(self.mesh, self.operator, self.target, channel))
 
 
 @dataclass(frozen=True, eq=False)
 class RegionsJob(MeshJob):
-    """Job that measures the regions of a label set, see `regions`; returns `RegionsReady`."""
+    """Job that measures the regions of a label set.
+
+    The content is columns, rows and remarks of `Regions`, whose mesh the window has.
+    """
 
     labels: VertexMap
     maps: tuple[VertexMap, ...] = ()
     whole: bool = False
 
     doing: ClassVar[str] = "Measuring the regions of"
+    queueing = Queueing.COMPLETE
 
-    def run(self, channel: Channel) -> RegionsReady:
+    def run(self, channel: Channel) -> JobResult:
         from meshmash_viewer.features.regions import regions
 
         channel.report(Progress("regions", message=self.label))
         found = regions(self.mesh, self.labels, self.maps, whole=self.whole)
-        return RegionsReady(found.columns, found.rows, found.remarks)
+        remark = f"Regions: {' '.join(found.remarks)}" if found.remarks else ""
+        return JobResult((found.columns, found.rows, found.remarks), remark)
 
 
 @dataclass(frozen=True, eq=False)
 class ScaleJob(MeshJob):
-    """Job that changes the voxel size with `Mesh.in_voxels`; returns `MeshReady`.
+    """Job that changes the voxel size with `Mesh.in_voxels`; the content is `MeshReady`.
 
     `repairs` are the repairs already made on `mesh`.
     """
@@ -140,15 +146,15 @@ class ScaleJob(MeshJob):
 
     doing: ClassVar[str] = "Scaling"
 
-    def run(self, channel: Channel) -> MeshReady:
+    def run(self, channel: Channel) -> JobResult:
         scaled = self.mesh.in_voxels(self.voxel, self.unit)
-        ready = _inspect(scaled, self.operator, self.target, channel, path=self.path)
-        return replace(ready, repairs=self.repairs, derived=True)
+        ready, said = _inspect(scaled, self.operator, self.target, channel, path=self.path)
+        return JobResult(replace(ready, repairs=self.repairs, derived=True), said)
 
 
 @dataclass(frozen=True, eq=False)
 class RepairJob(MeshJob):
-    """Job that applies one repair of `health.REPAIRS` after `earlier` ones; returns `MeshReady`."""
+    """Job that makes a repair of `health.REPAIRS` after `earlier` ones, like `ReadJob`."""
 
     repair: str
     path: Path | None = None
@@ -158,19 +164,22 @@ class RepairJob(MeshJob):
 
     doing: ClassVar[str] = "Repairing"
 
-    def run(self, channel: Channel) -> MeshReady:
+    def run(self, channel: Channel) -> JobResult:
         repair = REPAIRS[self.repair]
         channel.report(Progress("repairing", message=repair.label))
         with heard_warnings() as heard:
             mesh = repair.apply(self.mesh)
-        ready = _inspect(mesh, self.operator, self.target, channel, path=self.path)
-        remark = " ".join(filter(None, [*heard, ready.remark]))
-        return replace(ready, repairs=(*self.earlier, self.repair), derived=True, remark=remark)
+        ready, said = _inspect(mesh, self.operator, self.target, channel, path=self.path)
+        ready = replace(ready, repairs=(*self.earlier, self.repair), derived=True)
+        return JobResult(ready, " ".join(filter(None, [*heard, said])))
 
 
 @dataclass(frozen=True, eq=False)
 class PartJob(MeshJob):
-    """Job that looks up eigenpairs on a mask of a mesh, or on the whole; returns `PartReady`."""
+    """Job that looks up eigenpairs on a mask of a mesh, or on the whole mesh.
+
+    The content is the `MeshReady` of the part, None for the whole, and its stored eigenpairs.
+    """
 
     #: Shape (n,); None for the whole mesh.
     mask: npt.NDArray[np.bool_] | None = None
@@ -179,53 +188,55 @@ class PartJob(MeshJob):
 
     doing: ClassVar[str] = "Taking a part of"
 
-    def run(self, channel: Channel) -> PartReady:
+    def run(self, channel: Channel) -> JobResult:
         if self.mask is None:
             channel.report(Progress("checking", message="Checking the stored eigenpairs"))
             known, remark = _stored(self.mesh, self.operator, self.target, channel)
-            return PartReady(None, known, remark)
-        part = _inspect(self.mesh.masked(self.mask), self.operator, self.target, channel)
-        return PartReady(part, part.known, part.remark)
+            return JobResult((None, known), remark)
+        part, remark = _inspect(self.mesh.masked(self.mask), self.operator, self.target, channel)
+        return JobResult((part, part.known), remark)
 
 
 @dataclass(frozen=True, eq=False)
 class PreviewJob(MeshJob):
-    """Job that approximates the first eigenfunctions; returns `Eigenpairs` or None in seconds."""
+    """Job that approximates the first eigenfunctions; the content is `Eigenpairs` or None."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
     doing: ClassVar[str] = "Previewing"
+    queueing = Queueing.BRIEF
 
-    def run(self, channel: Channel) -> Eigenpairs | None:
+    def run(self, channel: Channel) -> JobResult:
         from meshmash_viewer.model.decomposition import open_preview
 
-        return open_preview(self.mesh, self.operator, channel)
+        return JobResult(open_preview(self.mesh, self.operator, channel))
 
 
 @dataclass(frozen=True, eq=False)
 class DecomposeJob(MeshJob):
-    """Job that computes and stores eigenpairs; sends and returns `Eigenpairs`, see `decompose`."""
+    """Job that computes, stores and sends `Eigenpairs`, and finally all as the content."""
 
     operator: OperatorOptions
     target: Target
 
     doing: ClassVar[str] = "Decomposing"
+    queueing = Queueing.ALONE
 
-    def run(self, channel: Channel) -> Eigenpairs:
+    def run(self, channel: Channel) -> JobResult:
         from meshmash_viewer.model.decomposition import decompose
 
-        return decompose(self.mesh, self.operator, self.target, channel)
+        return JobResult(*decompose(self.mesh, self.operator, self.target, channel))
 
 
 @dataclass(frozen=True, eq=False)
 class ResolutionJob(MeshJob):
-    """Job that measures `Eigenpairs.mesh_errors` on a finer mesh; returns those measured, (m,)."""
+    """Job that measures `Eigenpairs.mesh_errors` on a finer mesh; the content has shape (m,)."""
 
     pairs: Eigenpairs
 
     doing: ClassVar[str] = "Measuring the resolution of"
 
-    def run(self, channel: Channel) -> npt.NDArray[np.float64]:
+    def run(self, channel: Channel) -> JobResult:
         from meshmash_viewer.io.spectrum import measure_errors
         from meshmash_viewer.model.decomposition import SPARE
 
@@ -236,18 +247,41 @@ class ResolutionJob(MeshJob):
             progress=channel.report,
             cancel=channel.cancelled,
         )
-        return found.mesh_errors[: found.n_measured]
+        return JobResult(found.mesh_errors[: found.n_measured])
 
 
-@dataclass(frozen=True)
-class JobState:
-    """The running job, its start time, and its expected duration in seconds."""
+def _nothing(*_: object) -> str:
+    return ""
+
+
+@dataclass(eq=False)
+class Task:
+    """A requested job with the functions of its requester, and its state."""
 
     job: Job
-    progress: Progress
-    cancelling: bool = False
-    began: float = 0.0
+    #: Called with the content of the result, or with a part of it, while the job is `needed`.
+    accept: Callable[[Any], object] = _nothing
+    receive: Callable[[Any], object] = _nothing
+    #: Whether the result can be used; the job is cancelled when the mesh has changed otherwise.
+    needed: Callable[[], bool] = lambda: True
+    #: Called after the end of the job, which may have failed, or been cancelled or replaced.
+    then: Callable[[Task], object] = _nothing
+    #: Return the message of the cancelled job, and a sentence to add to that of a failure.
+    cancelled: Callable[[], str] = _nothing
+    lost: Callable[[], str] = _nothing
+    #: Expected duration in seconds, and start time.
     expected: float | None = None
+    began: float = 0.0
+    progress: Progress = field(default_factory=lambda: Progress("starting"))
+    cancelling: bool = False
+    #: Whether the result has been accepted.
+    succeeded: bool = False
+
+    def take(self, content: object) -> None:
+        """Accept the content of the result."""
+        if self.needed():
+            self.accept(content)
+            self.succeeded = True
 
 
 @contextmanager
@@ -296,9 +330,10 @@ def _inspect(
     channel: Channel,
     *,
     path: Path | None = None,
-) -> MeshReady:
+) -> tuple[MeshReady, str]:
     """Measure the health of a mesh, and look up its stored eigenpairs in a second thread.
 
+    Also returns a remark on the stored eigenpairs, or "".
     For a million vertices, checking the checksums of 300 eigenvectors takes a second, and measuring
     the health several seconds.
     """
@@ -311,16 +346,9 @@ def _inspect(
         if not stored.done():
             channel.report(Progress("checking", message="Checking the stored eigenpairs"))
         known, remark = stored.result()
-    return MeshReady(
-        mesh,
-        health,
-        normals,
-        path,
-        known=known,
-        remark=remark,
-        sample=sample,
-        small=small if small.any() else None,
-    )
+    small_or_none = small if small.any() else None
+    ready = MeshReady(mesh, health, normals, path, known=known, sample=sample, small=small_or_none)
+    return ready, remark
 
 
 def _stored(
@@ -334,32 +362,34 @@ def _stored(
 class Work:
     """The running job of a document.
 
-    ``requested`` is emitted with a `Job`; its runner calls `started`, `progressed` and `ended`.
-    ``finished`` is emitted with the last `JobState` of a job that has ended.
+    ``requested`` is emitted with a `Task`; its runner calls `started`, `progressed` and `ended`.
     """
 
     changed = Signal()
     requested = Signal(object)
     cancel_requested = Signal()
-    finished = Signal(object)
 
     def __init__(self) -> None:
-        self.job: JobState | None = None
+        self.job: Task | None = None
 
-    def request(self, job: Job) -> None:
-        """Request to run a job, such as an export."""
-        self.requested.emit(job)
+    def request(
+        self, job: Job, accept: Callable[[Any], object] = _nothing, **functions: Any
+    ) -> Task:
+        """Request to run a job, such as an export; see the attributes of `Task`."""
+        task = Task(job, accept, **functions)
+        self.requested.emit(task)
+        return task
 
     def cancel(self) -> None:
         """Request to stop the running job."""
         if self.job is not None:
-            self.job = replace(self.job, cancelling=True)
+            self.job.cancelling = True
             self.changed.emit()
             self.cancel_requested.emit()
 
-    def started(self, job: Job, expected: float | None = None) -> None:
-        """Record the start of a job, and its expected duration in seconds."""
-        self.job = JobState(job, Progress("starting"), began=time.monotonic(), expected=expected)
+    def started(self, task: Task) -> None:
+        """Record the start of a job."""
+        self.job, task.began = task, time.monotonic()
         self.changed.emit()
 
     def progressed(self, progress: Progress) -> None:
@@ -369,7 +399,7 @@ class Work:
             if progress.remaining is None and job.expected is not None:
                 left = job.began + job.expected - time.monotonic()
                 progress = replace(progress, remaining=left if left > 0.0 else None)
-            self.job = replace(job, progress=progress)
+            job.progress = progress
             self.changed.emit()
 
     def ended(self) -> None:
@@ -377,4 +407,4 @@ class Work:
         job, self.job = self.job, None
         self.changed.emit()
         if job is not None:
-            self.finished.emit(job)
+            job.then(job)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
-from functools import wraps
+from functools import partial, wraps
 from itertools import count
 from typing import Any, NamedTuple, TypeVar
 
@@ -21,7 +21,7 @@ from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.jobs import RegionsJob, Work
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices, Severity
-from meshmash_viewer.model.open_mesh import OpenMesh, RegionsReady
+from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.model.pins import PIN_COLORS, checked_color, distinct_name
 from meshmash_viewer.model.selection import Hiding, Selection
 from meshmash_viewer.surface.masks import Mask
@@ -258,15 +258,17 @@ class Labels:
         """Request a measurement of the regions of the current set; see `features.regions`."""
         mesh, known = self._opened.mesh, self.current
         if mesh is not None and known is not None:
-            self._work.request(RegionsJob(mesh, known, maps, whole))
+            job = RegionsJob(mesh, known, maps, whole)
+            self._work.request(job, partial(self._accept_regions, job))
 
-    def accept_regions(self, job: RegionsJob, found: RegionsReady) -> None:
+    def _accept_regions(self, job: RegionsJob, found: tuple[Any, Any, tuple[str, ...]]) -> None:
         """Store the measured regions of a set, if its mesh is still open."""
         mesh = self._opened.mesh
         if mesh is not None and mesh.vertices is job.mesh.vertices:
             measured = job.mesh.with_only_maps(*job.maps)
             self.regions_of = job.labels
-            self.measured = Regions(found.columns, found.rows, measured, found.remarks)
+            columns, rows, remarks = found
+            self.measured = Regions(columns, rows, measured, remarks)
             self.accept_counts(self.measured, self.measured)
 
     def accept_counts(self, measured: Regions, counted: Regions) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +29,6 @@ class MeshReady:
     repairs: tuple[str, ...] = ()
     #: Eigenpairs found in the store.
     known: Eigenpairs | None = None
-    #: A sentence for the message bar, or "".
-    remark: str = ""
     #: Whether the mesh is the previous mesh after a repair or with another voxel size.
     derived: bool = False
     #: `Mesh.area_sample`, for colour limits.
@@ -49,17 +46,6 @@ class MeshReady:
 
 
 @dataclass(frozen=True, eq=False)
-class PartReady:
-    """The part of a mesh on which eigenpairs are computed, with its stored eigenpairs."""
-
-    #: The mesh of the part; None for the whole mesh.
-    part: MeshReady | None
-    known: Eigenpairs | None
-    #: A sentence for the message bar, or "".
-    remark: str = ""
-
-
-@dataclass(frozen=True, eq=False)
 class MapGrew:
     """Values at more vertices of a map that is being computed."""
 
@@ -68,32 +54,6 @@ class MapGrew:
     vertices: npt.NDArray[np.int64]
     #: Shape (m,).
     values: npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class RegionsReady:
-    """The attributes of `features.regions.Regions` without its mesh."""
-
-    columns: dict[str, npt.NDArray[Any]]
-    #: Shape (n,).
-    rows: npt.NDArray[np.int64]
-    remarks: tuple[str, ...]
-
-    @property
-    def remark(self) -> str:
-        """A sentence for the message bar, or ""."""
-        return f"Regions: {' '.join(self.remarks)}" if self.remarks else ""
-
-
-@dataclass(frozen=True)
-class Written:
-    """An exported file, with a description of its content."""
-
-    path: Path
-    description: str
-    remark: str = ""
-    #: Whether the remark is shown as a warning.
-    warns: bool = True
 
 
 @dataclass(frozen=True, eq=False)

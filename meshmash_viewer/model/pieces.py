@@ -18,7 +18,8 @@ from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.open_mesh import MapGrew, Written
+from meshmash_viewer.model.export import written
+from meshmash_viewer.model.open_mesh import MapGrew
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import TOLERANCE, Target, Translation, weyl_eigenvalue
@@ -26,7 +27,7 @@ from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.split.stitching import seam_sentence
 from meshmash_viewer.units import counted, format_quantity, format_share, power_unit
-from meshmash_viewer.work import Channel
+from meshmash_viewer.work import Channel, Job, JobResult
 
 #: Minimum number of vertices of a piece, and a number that is decomposed in seconds.
 LEAST, _USUAL = 500, 20_000
@@ -60,11 +61,11 @@ def _expected(mesh: Mesh, target: Target) -> Eigenpairs:
 
 
 @dataclass(frozen=True, eq=False)
-class PiecesJob:
+class PiecesJob(Job):
     """Job that computes features in pieces and writes them.
 
     The job sends a `MapGrew` for each piece, with the column nearest to the displayed position (a
-    time, for example), and returns `Written`.
+    time, for example).
     """
 
     mesh: Mesh
@@ -90,7 +91,7 @@ class PiecesJob:
     def label(self) -> str:
         return f"Computing {self.mesh.name or 'the mesh'} in pieces"
 
-    def run(self, channel: Channel) -> Written:
+    def run(self, channel: Channel) -> JobResult:
         from joblib.externals.loky import reusable_executor
 
         shown, name = self._shown()
@@ -108,7 +109,7 @@ class PiecesJob:
         remarks = report["remarks"]
         text = ". ".join([described_seams(report), *(each.removesuffix(".") for each in remarks)])
         differs = max(report["seam_largest"], default=0.0) > TOLERANCE
-        return Written(self.path, self.family.label, text, warns=bool(remarks) or differs)
+        return written(self.path, self.family.label, text, warns=bool(remarks) or differs)
 
     def _shown(self) -> tuple[int, str]:
         """Return the index of the column to show as a map, and the name of the map."""

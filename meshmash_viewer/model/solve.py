@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import ClassVar
 
+import numpy as np
+import numpy.typing as npt
 from psygnal import SignalGroupDescriptor
 
 from meshmash_viewer.features.truncation import asked_target
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.model.classes import ClassesJob
-from meshmash_viewer.model.jobs import DecomposeJob, JobState, PreviewJob, ResolutionJob, Work
-from meshmash_viewer.model.open_mesh import OpenMesh
+from meshmash_viewer.model.decomposition import is_worthwhile
+from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob, ResolutionJob, Task, Work
+from meshmash_viewer.model.open_mesh import MeshReady, OpenMesh
 from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.resolution import affordable_pairs
 from meshmash_viewer.spectral.weyl import Target, Translation
-from meshmash_viewer.work import Job
+from meshmash_viewer.units import counted
+from meshmash_viewer.work import Queueing
 
 DEFAULT_TARGET = Target("count", 100)
 
@@ -31,15 +36,14 @@ class Solve:
 
     _opened: OpenMesh
     _work: Work
+    #: Called with computed pairs.
+    _accept: Callable[[Eigenpairs], None]
     #: Options of the Laplacian.
     operator: OperatorOptions = field(default_factory=OperatorOptions)
     #: The part of the spectrum to compute.
     target: Target = DEFAULT_TARGET
     #: Seconds per vertex and pair of the last decomposition on this machine, if any.
     seconds_rate: float | None = None
-
-    def __post_init__(self) -> None:
-        self._work.finished.connect(self._measure)
 
     def stated(self, spectrum: Eigenpairs) -> Target:
         """Return what was asked for a spectrum, if possible as the user states it."""
@@ -81,8 +85,8 @@ class Solve:
     @property
     def can_compute(self) -> bool:
         """Whether the mesh has pairs left to compute, and no other job runs."""
-        # a decomposition waits for a preview or a classification, which end within seconds
-        waits = self._work.job is None or isinstance(self._work.job.job, PreviewJob | ClassesJob)
+        running = self._work.job
+        waits = running is None or running.job.queueing is Queueing.BRIEF
         return self._opened.ready is not None and waits and not self.is_computed
 
     @property
@@ -96,7 +100,21 @@ class Solve:
         """Request the decomposition of the open mesh."""
         solved = self._opened.solved
         if solved is not None:
-            self._work.request(DecomposeJob(solved.mesh, self.operator, self.asked))
+            self._work.request(
+                DecomposeJob(solved.mesh, self.operator, self.asked),
+                self._accept,
+                receive=self._accept,
+                needed=partial(self._opened.is_solved, solved.mesh),
+                then=self._take_time,
+                cancelled=self._kept,
+                expected=self.expected_seconds(self.asked),
+            )
+
+    def preview(self, ready: MeshReady) -> None:
+        """Request an approximation of the first pairs, if more than are stored."""
+        if is_worthwhile(ready):
+            needed = partial(self._opened.is_solved, ready.mesh)
+            self._work.request(PreviewJob(ready.mesh, self.operator), self._accept, needed=needed)
 
     @property
     def measurable(self) -> int:
@@ -113,24 +131,34 @@ class Solve:
         solved, spectrum = self._opened.solved, self._opened.spectrum
         if solved is not None and spectrum is not None and self.measurable:
             pairs = replace(spectrum.exact, mesh=None, alignment=None)
-            self._work.request(ResolutionJob(solved.mesh, pairs))
+            needed = partial(self._opened.is_solved, solved.mesh)
+            self._work.request(
+                ResolutionJob(solved.mesh, pairs), self._accept_errors, needed=needed
+            )
+
+    def _accept_errors(self, errors: npt.NDArray[np.float64]) -> None:
+        """Take errors of the first eigenvalues, measured on a finer mesh."""
+        if self._opened.spectrum is not None:
+            self._opened.spectrum = self._opened.spectrum.with_measured(errors)
+            self._opened.spectrum_changed.emit()
 
     def expected_seconds(self, target: Target) -> float:
         """Estimate the seconds that a decomposition of the open mesh takes."""
         pairs = self.translation().count(target)[0]
         return decomposition_seconds(self.n_vertices, pairs, self.seconds_rate)
 
-    def expected_of(self, job: Job) -> float | None:
-        """Return the expected seconds of a job; None for jobs without an estimate."""
-        if isinstance(job, DecomposeJob) and self._opened.is_solved(job.mesh):
-            return self.expected_seconds(job.target)
-        return None
+    def _kept(self) -> str:
+        """Return the message of a cancelled decomposition."""
+        spectrum = self._opened.spectrum
+        if spectrum is None or not len(spectrum.exact):
+            return "Cancelled before any eigenpair converged."
+        kept = counted(len(spectrum.exact), "eigenpair")
+        return f"Cancelled; {kept} that converged before are kept."
 
-    def _measure(self, job: JobState) -> None:
+    def _take_time(self, task: Task) -> None:
         """Update `seconds_rate` from a decomposition that has ended."""
         spectrum = self._opened.spectrum
-        decomposed = isinstance(job.job, DecomposeJob) and not job.cancelling
-        if decomposed and spectrum is not None and spectrum.complete:
-            took = time.monotonic() - job.began
+        if task.succeeded and spectrum is not None and spectrum.complete:
+            took = time.monotonic() - task.began
             rate = measured_rate(spectrum.rows.shape[1], len(spectrum.exact), took)
             self.seconds_rate = rate or self.seconds_rate

@@ -86,11 +86,7 @@ def between(low: float, high: float) -> np.ndarray:
 
 def rest(window: MainWindow, qtbot: QtBot) -> None:
     catch_up()
-    parts = window.controller, window.label_thread
-    qtbot.waitUntil(
-        lambda: window.document.work.job is None and all(each.idle for each in parts),
-        timeout=PATIENCE,
-    )
+    window.wait()
     QTest.qWait(1)
     catch_up()
 

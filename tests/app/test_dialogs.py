@@ -239,7 +239,7 @@ def test_what_one_looks_at_is_offered_and_the_format_remembered(
     assert dialog.format.ending == ".csv", "the name says which"
     jobs: list[ExportJob] = []
     window.document.work.requested.disconnect()
-    window.document.work.requested.connect(jobs.append)
+    window.document.work.requested.connect(lambda task: jobs.append(task.job))
     QTest.keyClick(edit, Qt.Key.Key_Return)
     assert [job.path for job in jobs] == [tmp_path / "mine.csv"]
     again = asked(qtbot, window, "export_dialog", Qt.Key.Key_E)

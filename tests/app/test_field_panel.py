@@ -240,7 +240,7 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     said = part(panel, "hks_missing_label").text()
     assert f"about {120 + more:,.0f} pairs in all" in said
     requested: list[DecomposeJob] = []
-    document.work.requested.connect(requested.append)
+    document.work.requested.connect(lambda task: requested.append(task.job))
     button = part(panel, "hks_compute_button")
     document.solve.operator = document.spectrum.operator  # as after a decomposition
     display.change(HeatKernelSignature, time=1.01e6)

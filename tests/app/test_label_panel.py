@@ -58,8 +58,7 @@ def labelled(window: MainWindow, qtbot: QtBot) -> MainWindow:
 
 def rest(window: MainWindow, qtbot: QtBot) -> None:
     catch_up()
-    parts = window.controller, window.label_thread
-    qtbot.waitUntil(lambda: all(each.idle for each in parts), timeout=60_000)
+    window.wait()
     QTest.qWait(1)
     catch_up()
 

@@ -28,7 +28,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view.annotations import margins
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.jobs import DecomposeJob, Task
 from meshmash_viewer.model.limits import PercentileLimits
 from meshmash_viewer.progress import Progress
 
@@ -194,7 +194,7 @@ def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> Non
         QTest.keyClick(spin, Qt.Key.Key_Tab)
         assert places(window) == before, text
     job = DecomposeJob(document.mesh, document.solve.operator, document.solve.target)
-    document.work.started(job)
+    document.work.started(Task(job))
     for message in ("ordering", "the iteration, of which there is a good deal to be said " * 2):
         document.work.progressed(Progress("solve", 0.3, 88.0, message))
         assert places(window) == before, message

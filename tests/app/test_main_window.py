@@ -412,7 +412,7 @@ def test_as_many_pairs_as_the_shortest_time_takes(
     assert "no more eigenpairs" in box.note.text()
     asked = []
     document.work.requested.disconnect()
-    document.work.requested.connect(asked.append)
+    document.work.requested.connect(lambda task: asked.append(task.job))
     document.solve.compute()
     assert asked[0].target == Target("count", document.mesh.n_vertices)
 

@@ -43,9 +43,7 @@ class Hand:
 
     def rest(self) -> None:
         catch_up()
-        parts = self.window.controller, self.window.label_thread, self.window.background_io
         self.window.wait(60.0)
-        self.qtbot.waitUntil(lambda: all(each.idle for each in parts), timeout=PATIENCE)
         self.qtbot.waitUntil(lambda: self.window.scene.can_pick, timeout=PATIENCE)
         catch_up()
 

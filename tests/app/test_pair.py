@@ -37,6 +37,7 @@ import meshmash_viewer as mv
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
+from meshmash_viewer.app.executor import is_idle
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.plots.plot import MatrixView
@@ -228,7 +229,7 @@ def test_both_meshes_are_in_a_picture_and_in_a_copy(
     assert QGuiApplication.clipboard().image().width() == wide
     window.actions_["save_picture"].trigger()
     dialog = window.findChild(FigureDialog)
-    wait_for(lambda: len(dialog.panels) == 2 and dialog.idle)
+    wait_for(lambda: len(dialog.panels) == 2 and is_idle(dialog))
     dialog.file_row.edit.setText(str(tmp_path / "both.svg"))
     QTest.mouseClick(dialog.accept_button, LEFT)
     wait_for((tmp_path / "both.svg").exists)

@@ -18,6 +18,7 @@ from PySide6.QtWidgets import QApplication, QDialog, QMenu, QWidget
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.executor import is_idle
 from meshmash_viewer.app.main_window import MainWindow
 
 LEFT, RIGHT = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton
@@ -31,7 +32,7 @@ def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow
     theme.set_mode(theme.Mode.DARK)
     for vertex in (20, 70):
         window.document.pins.toggle(vertex)
-    qtbot.waitUntil(lambda: window.profile_panel.idle, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: is_idle(window.profile_panel), timeout=PATIENCE)
     panel = window.spectrum_panel
 
     def rests() -> bool:
@@ -103,7 +104,7 @@ def test_profiles_and_responses_are_numbers_too(
 ) -> None:
     window.document.display.kind = "hks"
     window.wait(60.0)
-    qtbot.waitUntil(lambda: window.profile_panel.idle, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: is_idle(window.profile_panel), timeout=PATIENCE)
     qtbot.wait(100)
     plot = window.profile_panel.plot
     with saved(qtbot, window, plot, tmp_path / "a.csv").open(encoding="utf-8") as file:

@@ -14,6 +14,7 @@ from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.actions import SELECT_MODES
+from meshmash_viewer.app.executor import is_idle
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view.annotations import bar_place
@@ -49,7 +50,7 @@ class Hand:
         self.wait()
 
     def wait(self) -> None:
-        self.qtbot.waitUntil(lambda: self.tool.idle, timeout=PATIENCE)
+        self.qtbot.waitUntil(lambda: is_idle(self.tool), timeout=PATIENCE)
         self.qtbot.wait(1)
         catch_up()
 

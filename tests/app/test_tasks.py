@@ -37,7 +37,7 @@ class Session:
         self.qtbot.waitUntil(condition, timeout=_PATIENCE)
 
     def wait_until_idle(self) -> None:
-        self.wait(lambda: self.tasks.job is None and self.document.work.job is None)
+        self.wait(lambda: self.tasks.task is None and self.document.work.job is None)
 
     def last(self) -> Notice:
         return self.notices[-1]
@@ -135,16 +135,26 @@ def test_cancelling_before_the_first_pair_says_that_there_is_none(session: Sessi
 
 
 def test_another_mesh_takes_the_place_of_a_running_job(session: Session, neuron_file: Path) -> None:
-    session.tasks.run(EndlessJob())
+    session.document.work.request(EndlessJob())
     session.document.open_mesh(neuron_file)
     session.wait(lambda: session.document.mesh is not None)
     session.wait_until_idle()
     assert not session.notices
 
 
+def test_each_requester_gets_the_end_of_its_own_job(session: Session, neuron_file: Path) -> None:
+    ended: dict[str, bool] = {}
+    for name in ("cancelled", "dropped", "read"):
+        session.document.open_mesh(
+            neuron_file, then=lambda task, name=name: ended.update({name: task.succeeded})
+        )
+    session.wait_until_idle()
+    assert ended == {"dropped": False, "cancelled": False, "read": True}
+
+
 def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -> None:
     document = session.document
-    session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
+    session.document.work.request(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
     out = tmp_path / "pairs.npz"
     document.work.request(ExportJob(neuron, OperatorOptions(), out, EXPORTS["eigenpairs"](), 20))
     assert "waits for" in session.last().text
@@ -156,7 +166,7 @@ def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -
 def test_every_kind_is_exported_as_the_command_line_has_it(
     session: Session, neuron: Mesh, tmp_path: Path
 ) -> None:
-    session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
+    session.document.work.request(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
     for kind, family in EXPORTS.items():
         out = tmp_path / f"{kind}.npz"
         given = {"vertices": [5], "measure": "biharmonic"} if kind == "distance" else {}
@@ -179,8 +189,8 @@ def test_export_of_what_was_cleared_says_so(session: Session, neuron: Mesh, tmp_
 
 
 def test_decomposing_while_a_mesh_is_read_is_refused(session: Session, neuron: Mesh) -> None:
-    session.tasks.run(EndlessJob())
-    session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
+    session.document.work.request(EndlessJob())
+    session.document.work.request(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
     assert "not done yet" in session.last().text
     session.document.work.cancel()
     session.wait_until_idle()
@@ -307,7 +317,7 @@ def test_failure_is_said_and_the_next_job_runs(
 
 
 def fail_and_go_on(session: Session, job: DyingJob | FailingJob, neuron_file: Path) -> None:
-    session.tasks.run(job)
+    session.document.work.request(job)
     session.wait_until_idle()
     assert session.last().severity is Severity.ERROR
     session.document.open_mesh(neuron_file)
@@ -339,7 +349,7 @@ def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
     document = Document()
     tasks = Tasks(document)
     mesh = shapes.icosphere(5)
-    tasks.run(DecomposeJob(mesh, OperatorOptions(), Target("count", 1000)))
+    document.work.request(DecomposeJob(mesh, OperatorOptions(), Target("count", 1000)))
     qtbot.waitUntil(
         lambda: document.work.job is not None and document.work.job.progress.total > 0,
         timeout=_PATIENCE,

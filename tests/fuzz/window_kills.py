@@ -69,6 +69,10 @@ def write(window, _job=None):
     line = {"at": time.monotonic(), "state": state(window)}
     os.write(log, (json.dumps(line) + chr(10)).encode())
 
+def write_idle(window):
+    if window.document.work.job is None:
+        write(window)
+
 def change(window):
     document, display = window.document, window.document.display
     vertex = rng.randrange(document.mesh.n_vertices)
@@ -112,7 +116,7 @@ def look():
             idle[0] = idle[0] + 1 if rests else 0
             if idle[0] > 5:
                 known.append(window)
-                document.work.finished.connect(partial(write, window))
+                document.work.changed.connect(partial(write_idle, window))
                 # a repair may fit the view anew, later than its job ends
                 window.scene.camera_changed.connect(partial(write, window))
                 write(window)

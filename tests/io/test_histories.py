@@ -134,7 +134,7 @@ def test_files_of_a_request_are_the_same_from_window_and_command_line(
     fresh = command("fresh.npz")
     monkeypatch.setenv("MESHMASH_CACHE", str(own_cache / "other"))
     for target in (Target("count", 90), COUNT):
-        pairs = decompose(mesh, OPERATOR, target, listener)
+        pairs, _ = decompose(mesh, OPERATOR, target, listener)
     family = HeatKernelSignature().resolved(pairs, {})
     ExportJob(mesh, OPERATOR, tmp_path / "window.npz", family, 60, COUNT).run(listener)
     window = content(tmp_path / "window.npz")

@@ -12,8 +12,9 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.jobs import Task
 from meshmash_viewer.model.notices import Notice
-from meshmash_viewer.model.open_mesh import MeshReady, PartReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -175,11 +176,13 @@ def test_opening_restores_what_was_asked_for(document: Document, sphere: Mesh) -
     # a repair or part with Compute computes what was asked for
     document.solve.target = asked = Target("count", 20)
     repaired = replace(ready_of(sphere, "b.ply"), known=stored, derived=True)
+    tasks: list[Task] = []
+    document.work.requested.connect(tasks.append)
     document.repair("drop_duplicate_faces", then_compute=True)
-    document.accept_mesh(repaired)
+    tasks[-1].take(repaired)
     assert document.solve.target == asked
     document.take_part(None, then_compute=True)
-    document.accept_part(PartReady(None, stored, ""))
+    tasks[-1].take((None, stored))
     assert document.solve.target == asked
 
 

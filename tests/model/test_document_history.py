@@ -28,6 +28,7 @@ from meshmash_viewer.model.jobs import (
     ReadJob,
     RepairJob,
     ScaleJob,
+    Task,
 )
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.notices import Notice
@@ -57,7 +58,7 @@ def ready(mesh: Mesh, *repairs: str, derived: bool = False) -> MeshReady:
 def requested(document: Document) -> list[Job]:
     """Jobs requested by the document."""
     jobs: list[Job] = []
-    document.work.requested.connect(jobs.append)
+    document.work.requested.connect(lambda task: jobs.append(task.job))
     return jobs
 
 
@@ -445,27 +446,28 @@ def test_settings_are_told_of_when_they_change(document: Document) -> None:
 
 def test_a_job_is_followed_from_start_to_end(document: Document, sphere: Mesh) -> None:
     told: list[Any] = []
-    document.work.changed.connect(lambda: told.append(document.work.job))
+
+    def listen() -> None:
+        task = document.work.job
+        told.append(task and (task.job, task.progress.fraction, task.cancelling))
+
+    document.work.changed.connect(listen)
     document.work.cancel_requested.connect(lambda: told.append("cancel"))
     document.work.cancel()
     document.work.progressed(Progress("slices"))
     assert told == []
     assert document.solve.can_compute
-    document.work.started(PreviewJob(sphere))
+    document.work.started(Task(PreviewJob(sphere)))
     assert document.solve.can_compute  # a preview may be stopped
     job = DecomposeJob(sphere, document.solve.operator, document.solve.target)
-    document.work.started(job)
+    document.work.started(Task(job))
     assert not document.solve.can_compute
     document.work.progressed(Progress("slices", 0.5))
     document.work.cancel()
     document.work.ended()
     assert document.solve.can_compute
     states, rest = told[1:4], told[4:]
-    assert [(state.job, state.progress.fraction, state.cancelling) for state in states] == [
-        (job, None, False),
-        (job, 0.5, False),
-        (job, 0.5, True),
-    ]
+    assert states == [(job, None, False), (job, 0.5, False), (job, 0.5, True)]
     assert rest == ["cancel", None]
     document.work.ended()
     assert told[-1] is None
@@ -490,14 +492,17 @@ def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
     document.solve.seconds_rate = 10.0 / (sphere.n_vertices * (40 + 15))
     target = Target("count", 40)
     assert document.solve.expected_seconds(target) == pytest.approx(10.0)
-    job = DecomposeJob(sphere, OperatorOptions(), target)
+    tasks: list[Task] = []
+    document.work.requested.connect(tasks.append)
+    document.solve.target = target
+    document.solve.compute()
 
     def left(progress: Progress) -> float | None:
         document.work.progressed(progress)
         assert document.work.job is not None
         return document.work.job.progress.remaining
 
-    document.work.started(job, document.solve.expected_of(job))
+    document.work.started(tasks[0])
     now[0] += 4.0
     assert left(Progress("operator")) == pytest.approx(6.0)
     assert left(Progress("eigenpairs", 0.5, 4.0)) == 4.0, "the work knows better"
@@ -510,11 +515,13 @@ def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
     assert document.solve.expected_seconds(target) == pytest.approx(10.0), (
         "what was stopped tells nothing"
     )
-    document.work.started(job)
+    document.solve.compute()
+    document.work.started(tasks[1])
+    tasks[1].take(spectrum_of(sphere, 40))
     now[0] += 30.0
     document.work.ended()
     assert document.solve.expected_seconds(target) == pytest.approx(30.0)
-    document.work.started(PreviewJob(sphere))
+    document.work.started(Task(PreviewJob(sphere)))
     assert left(Progress("preview")) is None
 
 

@@ -59,7 +59,7 @@ def exported(
 
 def test_as_many_pairs_as_asked_for_and_never_fewer(sphere: Mesh, listener: Listener) -> None:
     asked = Target("count", 20)
-    grew = decompose(sphere, OPERATOR, asked, listener)
+    grew, _ = decompose(sphere, OPERATOR, asked, listener)
     for n_pairs in (20, 9):
         content = exported(sphere, "eigenpairs", n_pairs, listener, asked)
         about = json.loads(str(content["meta"]))["options"]
@@ -84,7 +84,7 @@ def test_pairs_of_a_cancelled_solve_make_features_too(tmp_path: Path) -> None:
 
 def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: Listener) -> None:
     asked = Target("count", 30)
-    grew = decompose(sphere, OPERATOR, asked, listener)
+    grew, _ = decompose(sphere, OPERATOR, asked, listener)
     values, rows = grew.eigenvalues[:25], np.asarray(grew.rows)[:25]
     cases: list[tuple[str, dict[str, Any], Any]] = [
         ("hks", {"n_columns": 5}, heat_kernel_bank(hks_times(values, n_scales=5))),
@@ -121,7 +121,7 @@ def test_pins_have_the_values_of_the_features(sphere: Mesh, listener: Listener) 
     path = listener.folder / "pins.csv"
     job = PinExportJob(mesh, OPERATOR, path, pins, (hks, distances), 25, target=asked)
     written = job.run(listener)
-    assert written.description == "2 pins, 13 columns,"
+    assert written.remark.startswith("2 pins, 13 columns, written to")
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["name"], row["color"]) for row in rows] == [
@@ -144,7 +144,7 @@ def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
     sphere: Mesh, listener: Listener
 ) -> None:
     asked = Target("max_eigenvalue", 19.0)
-    grew = decompose(sphere, OPERATOR, asked, listener)
+    grew, _ = decompose(sphere, OPERATOR, asked, listener)
     assert grew.eigenvalues[-1] < 13.0
     for n_pairs, known_to in ((16, 19.0), (9, float(grew.eigenvalues[8]))):
         times = {"n_columns": 2, "t_min": 0.1, "t_max": 0.2}
@@ -166,7 +166,7 @@ def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> N
         path = tmp_path / f"out{ending}"
         family = EXPORTS["hks"].exported(n_columns=3)
         written = ExportJob(mesh, OPERATOR, path, family, 9, maps=True).run(listener)
-        assert "5 columns" in written.description
+        assert "5 columns" in written.remark
         found = read_maps(path, sphere)
         assert len(found) == 5, ending
         assert found[4].labels == labels, ending

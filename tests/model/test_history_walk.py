@@ -20,24 +20,22 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.jobs import DecomposeJob, Task
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
-from meshmash_viewer.model.open_mesh import MapGrew, MeshReady, Shown
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
+from meshmash_viewer.model.open_mesh import MapGrew, Shown
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import VertexMap
-from meshmash_viewer.work import Job
 
 #: Number of eigenpairs.
 _PAIRS = 6
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Channel:
-    """A channel of a job that runs in this process; `send` passes eigenpairs to the document."""
+    """A channel of a job that runs in this process."""
 
     folder: Path
-    send: Callable[[object], None]
+    send: Callable[[Any], object]
 
     def report(self, progress: object) -> None: ...
 
@@ -51,7 +49,7 @@ class Walk:
     def __init__(self, path: Path, repairs: tuple[str, ...], seed: int) -> None:
         self.rng = np.random.default_rng(seed)
         self.document = document = Document()
-        self.channel = _Channel(path.parent, self._take)
+        self.channel = _Channel(path.parent, print)
         document.work.requested.connect(self._run)
         document.solve.target = Target("count", _PAIRS)
         document.open_mesh(path, "nm", repairs=repairs)
@@ -60,17 +58,12 @@ class Walk:
         #: Changed parts of the history.
         self.changed: set[str] = set()
 
-    def _run(self, job: Job) -> None:
+    def _run(self, task: Task) -> None:
         work = self.document.work
-        work.started(job)
-        self._take(job.run(self.channel))
+        work.started(task)
+        self.channel.send = task.receive
+        task.take(task.job.run(self.channel).content)
         work.ended()
-
-    def _take(self, result: object) -> None:
-        if isinstance(result, MeshReady):
-            self.document.accept_mesh(result)
-        elif isinstance(result, Eigenpairs):
-            self.document.accept_spectrum(result)
 
     def state(self) -> dict[str, Any]:
         """Return the state of the history, with the mesh as comparable values."""

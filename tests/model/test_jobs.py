@@ -45,28 +45,28 @@ def file(sphere: Mesh, tmp_path: Path) -> Path:
 def test_a_mesh_is_read_in_the_unit_given_or_in_that_of_its_file(
     file: Path, sphere: Mesh, listener: Listener, tmp_path: Path
 ) -> None:
-    ready = ReadJob(file).run(listener)
+    ready = ReadJob(file).run(listener).content
     assert (ready.mesh.unit, ready.mesh.name, ready.path) == ("", "ball", file)
     assert (ready.repairs, ready.derived) == ((), False)
     assert listener.reports[0].message == "Reading ball.npz"
-    assert ReadJob(file, "µm").run(listener).mesh.unit == "µm"
+    assert ReadJob(file, "µm").run(listener).content.mesh.unit == "µm"
     from nibabel.freesurfer import write_geometry
 
     surface = tmp_path / "lh.pial"
     write_geometry(str(surface), sphere.vertices, sphere.faces, create_stamp="")
-    assert ReadJob(surface).run(listener).mesh.unit == "mm"
-    assert ReadJob(surface, "nm").run(listener).mesh.unit == "nm"
+    assert ReadJob(surface).run(listener).content.mesh.unit == "mm"
+    assert ReadJob(surface, "nm").run(listener).content.mesh.unit == "nm"
 
 
 def test_other_voxels_and_repairs_are_derived_and_add_up(sphere: Mesh, listener: Listener) -> None:
     path = Path("ball.ply")
-    scaled = ScaleJob(sphere, (2.0, 2.0, 4.0), "nm", path, repairs=("one",)).run(listener)
+    scaled = ScaleJob(sphere, (2.0, 2.0, 4.0), "nm", path, repairs=("one",)).run(listener).content
     np.testing.assert_allclose(scaled.mesh.vertices, sphere.vertices * [2.0, 2.0, 4.0])
     assert (scaled.mesh.unit, scaled.path) == ("nm", path)
     assert (scaled.repairs, scaled.derived) == (("one",), True)
     listener.reports.clear()
     name = "drop_duplicate_faces"
-    mended = RepairJob(scaled.mesh, name, path, earlier=("one",)).run(listener)
+    mended = RepairJob(scaled.mesh, name, path, earlier=("one",)).run(listener).content
     assert (mended.repairs, mended.derived, mended.path) == (("one", name), True, path)
     assert listener.reports[0].message == REPAIRS[name].label
 
@@ -89,7 +89,7 @@ def test_stored_pairs_are_checked_while_the_mesh_is_measured(
     DecomposeJob(sphere, PLAIN, Target("count", 8)).run(listener)
     monkeypatch.setattr(spectrum, "find_eigenpairs", checked)
     monkeypatch.setattr(jobs, "mesh_health", measured)
-    assert len(InspectJob(sphere, PLAIN).run(listener).known) == 8
+    assert len(InspectJob(sphere, PLAIN).run(listener).content.known) == 8
 
 
 def test_each_job_looks_for_the_pairs_of_its_own_operator(
@@ -103,17 +103,17 @@ def test_each_job_looks_for_the_pairs_of_its_own_operator(
         ScaleJob(sphere, (1.0, 1.0, 1.0), "", operator=PLAIN),
         RepairJob(sphere, name, operator=PLAIN),
     ):
-        known = job.run(listener).known
+        known = job.run(listener).content.known
         assert known is not None
         assert len(known) == 8
         assert known.operator == PLAIN
     for job in (ReadJob(file), InspectJob(sphere), RepairJob(sphere, name)):
         assert job.operator == OperatorOptions()
-        assert job.run(listener).known is None
+        assert job.run(listener).content.known is None
 
 
 def test_what_is_ready_is_all_that_a_render_needs(neuron: Mesh, listener: Listener) -> None:
-    ready = InspectJob(neuron).run(listener)
+    ready = InspectJob(neuron).run(listener).content
     np.testing.assert_array_equal(ready.normals, neuron.vertex_normals)
     np.testing.assert_array_equal(ready.sample, neuron.area_sample())
     assert ready.health.n_components == neuron.n_components
@@ -124,9 +124,9 @@ def test_a_preview_is_made_of_large_meshes_alone(
 ) -> None:
     from meshmash_viewer.model import decomposition as previews
 
-    assert PreviewJob(sphere).run(listener) is None
+    assert PreviewJob(sphere).run(listener).content is None
     monkeypatch.setattr(previews, "FROM_VERTICES", 1000)
-    grew = PreviewJob(shapes.rectangle(50, 50), PLAIN).run(listener)
+    grew = PreviewJob(shapes.rectangle(50, 50), PLAIN).run(listener).content
     assert grew is not None
     assert grew.preview
     assert grew.operator == PLAIN

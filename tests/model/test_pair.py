@@ -40,7 +40,7 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 from meshmash_viewer.model.matching import MATCHED_IN, ComparisonRequest
-from meshmash_viewer.model.open_mesh import MeshReady, PartReady
+from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -54,7 +54,7 @@ COUNT = 60
 def opened(mesh: Mesh, first: Document | None = None) -> Document:
     """Return a document that decomposes its mesh at once; of the window of `first`, if given."""
     document = Document(None if first is None else first.history.of("second"))
-    document.work.requested.connect(lambda job: answer(document, job))
+    document.work.requested.connect(lambda task: answer(document, task.job))
     document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
     return document
 
@@ -148,7 +148,7 @@ def test_a_function_that_was_turned_round_and_moved_is_the_same_one(
     first, second = (opened(mesh) for mesh in meshes[:2])
     pair = paired(first, second)
     second.work.requested.disconnect()
-    second.work.requested.connect(lambda job: swapped(second, job))
+    second.work.requested.connect(lambda task: swapped(second, task.job))
     first.solve.target = Target("count", COUNT)
     first.solve.compute()
     functions, one = pair.comparison.functions, nearest_neighbours(first.spectrum)
@@ -292,7 +292,7 @@ def solved(first: Mesh, second: Mesh, disturb=lambda document, job: answer(docum
     one = opened(first)
     other = opened(second, one)
     other.work.requested.disconnect()
-    other.work.requested.connect(lambda job: disturb(other, job))
+    other.work.requested.connect(lambda task: disturb(other, task.job))
     pair = paired(one, other)
     one.solve.target = Target("count", COUNT)
     one.solve.compute()
@@ -550,7 +550,7 @@ def test_a_script_solves_and_compares_the_pairs_that_were_compared(
     if masked:
         height = mesh.vertices[:, 2]
         part = mesh.masked(height > np.quantile(height, 0.4))
-        first.accept_part(PartReady(MeshReady(part, mesh_health(part), part.vertex_normals), None))
+        first.accept_part((MeshReady(part, mesh_health(part), part.vertex_normals), None))
     second.solve.target = Target("count", known)
     second.solve.compute()
     pair = paired(first, second)

@@ -35,12 +35,12 @@ def products(mesh: Mesh, one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def test_small_mesh_needs_no_preview(sphere: Mesh, tmp_path: Path) -> None:
-    assert PreviewJob(sphere).run(Listener(tmp_path)) is None
+    assert PreviewJob(sphere).run(Listener(tmp_path)).content is None
 
 
 def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
     listener = Listener(tmp_path)
-    grew = PreviewJob(large).run(listener)
+    grew = PreviewJob(large).run(listener).content
     assert grew is not None
     spectrum = grew
     assert spectrum.preview
@@ -48,12 +48,12 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
     assert not spectrum.is_exact(0)
     assert 0.0 < spectrum.error < 0.2
     reports = len(listener.reports)
-    again = PreviewJob(large).run(listener)
+    again = PreviewJob(large).run(listener).content
     assert again is not None
     assert len(listener.reports) == reports
     (notes,) = tmp_path.glob("preview-*.npz")
     notes.unlink()  # as if the process ended before writing the file
-    assert PreviewJob(large).run(listener) is not None
+    assert PreviewJob(large).run(listener).content is not None
     assert len(listener.reports) > reports
     request = FieldRequest(spectrum, "nm", Eigenfunctions(3))
     field = compute_field(request, LiveFeatures())
@@ -65,7 +65,7 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [30, slow(120)])
 def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count: int) -> None:
     listener = Listener(tmp_path)
-    last = decompose(large, OPERATOR, Target("count", count), listener)
+    last, _ = decompose(large, OPERATOR, Target("count", count), listener)
     first = listener.messages[0]
     assert first.preview
     shown = np.array(first.rows)
@@ -110,12 +110,12 @@ def test_a_preview_is_worth_it_while_it_shows_more_than_what_is_known(
     large: Mesh, sphere: Mesh, tmp_path: Path
 ) -> None:
     listener = Listener(tmp_path)
-    assert not previews.is_worthwhile(InspectJob(sphere).run(listener))
-    ready = InspectJob(large).run(listener)
+    assert not previews.is_worthwhile(InspectJob(sphere).run(listener).content)
+    ready = InspectJob(large).run(listener).content
     assert ready.known is None
     assert previews.is_worthwhile(ready)
     preview = previews.open_preview(large, OPERATOR, listener)
     assert preview is not None
     for count, worthwhile in ((10, True), (len(preview), False)):
         decompose(large, OPERATOR, Target("count", count), listener)
-        assert previews.is_worthwhile(InspectJob(large).run(listener)) is worthwhile
+        assert previews.is_worthwhile(InspectJob(large).run(listener).content) is worthwhile

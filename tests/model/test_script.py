@@ -46,9 +46,9 @@ def document(neuron: Mesh, tmp_path: Path) -> Document:
     path = tmp_path / "my neuron.npz"
     np.savez(path, vertices=neuron.vertices, faces=neuron.faces)
     document = Document()
-    document.accept_mesh(ReadJob(path, "none").run(Listener(tmp_path)))
+    document.accept_mesh(ReadJob(path, "none").run(Listener(tmp_path)).content)
     before = document.ready
-    scaled = ScaleJob(before.mesh, VOXEL, "nm", before.path).run(Listener(tmp_path))
+    scaled = ScaleJob(before.mesh, VOXEL, "nm", before.path).run(Listener(tmp_path)).content
     document.accept_mesh(scaled)
     repair = RepairJob(document.mesh, "keep_largest_component", document.path)
     document.accept_mesh(repair.run(Listener(tmp_path)))
@@ -163,10 +163,10 @@ def test_a_map_that_is_in_no_file_is_exported_and_read_as_the_script_says(
 
 def test_unit_text_is_what_opens_the_file_again(document: Document, tmp_path: Path) -> None:
     assert document.unit_text == "4 × 4 × 40 nm"
-    again = ReadJob(document.path, document.unit_text).run(Listener(tmp_path))
+    again = ReadJob(document.path, document.unit_text).run(Listener(tmp_path)).content
     assert again.mesh.voxel == VOXEL
     assert again.mesh.unit == "nm"
-    repair = RepairJob(again.mesh, "keep_largest_component").run(Listener(tmp_path))
+    repair = RepairJob(again.mesh, "keep_largest_component").run(Listener(tmp_path)).content
     assert repair.mesh.content_hash == document.mesh.content_hash
     assert Document().unit_text == ""
 
@@ -174,7 +174,7 @@ def test_unit_text_is_what_opens_the_file_again(document: Document, tmp_path: Pa
 def test_mesh_in_memory_leaves_a_line_to_fill_in(sphere: Mesh, tmp_path: Path) -> None:
     document = Document()
     assert reproduction_script(document) == "import meshmash_viewer as mv\n"
-    document.accept_mesh(InspectJob(sphere).run(Listener(tmp_path)))
+    document.accept_mesh(InspectJob(sphere).run(Listener(tmp_path)).content)
     script = reproduction_script(document)
     assert "in memory" in script
     compile(script, "script", "exec")

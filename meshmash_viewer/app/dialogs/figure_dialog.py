@@ -194,11 +194,6 @@ class FigureDialog(SheetDialog):
                 self.preview.setText(str(fault))
             self._change()
 
-    @property
-    def idle(self) -> bool:
-        """Whether the preview is up to date."""
-        return not self._painter.working
-
     def done(self, result: int) -> None:
         shutdown(self)
         super().done(result)

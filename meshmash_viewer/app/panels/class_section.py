@@ -14,7 +14,6 @@ from meshmash_viewer.app.controls.make import column, grid, note, row, show_note
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.learn import CLASSIFIERS, KINDS
-from meshmash_viewer.model.classes import ClassesJob
 from meshmash_viewer.model.document import Document
 
 _CLASSIFIERS = dict(
@@ -98,7 +97,7 @@ class ClassSection(QWidget):
     def refresh(self) -> None:
         """Show the state of the model."""
         classes, labels = self._document.classes, self._document.labels
-        options, job = classes.options, self._document.work.job
+        options, runs = classes.options, classes.runs
         for kind, check in self.kinds.items():
             show_quietly(check, kind in options.kinds)
         self.classifier_combo.setCurrentIndex(list(_CLASSIFIERS).index(options.classifier))
@@ -106,7 +105,6 @@ class ClassSection(QWidget):
         show_quietly(self.live_check, classes.live)
         self.classify_button.setEnabled(not classes.missing)
         self.uncertainty_button.setEnabled(labels.predicted is not None)
-        runs = job is not None and isinstance(job.job, ClassesJob)
         missing = classes.missing if labels.current is not None else ""
         said = "Classifying …" if runs else classes.said
         empty = "" if labels.current is None else _EMPTY

@@ -87,11 +87,6 @@ class ProfilePanel(PlotPanel):
         self._dress()
         self._follow_kind()
 
-    @property
-    def idle(self) -> bool:
-        """Whether the profiles of all pins have been read."""
-        return not self._reader.working
-
     def _build(self) -> None:
         self.view_choice = make.combo(
             "profile_view", "Feature shown by the profiles", self._show_view, _VIEWS
