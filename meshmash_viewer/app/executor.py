@@ -160,6 +160,7 @@ class Slot:
 
     def _serve(self) -> None:
         """Run the waiting calls, and keep no reference to them."""
+        threading.current_thread().name = self.name
         while (call := self._next()) is not None:
             result: Any
             kind = "returned"

@@ -165,7 +165,7 @@ class MainWindow(ScriptedWindow):
             return
         from meshmash_viewer.app.controller import Controller
         from meshmash_viewer.app.cutting import Cutting
-        from meshmash_viewer.app.label_thread import LabelThread
+        from meshmash_viewer.app.label_marks import LabelMarks
         from meshmash_viewer.app.panels.field_panel import FieldPanel
         from meshmash_viewer.app.panels.label_panel import LabelPanel
         from meshmash_viewer.app.panels.pair_panel import PairPanel
@@ -191,8 +191,8 @@ class MainWindow(ScriptedWindow):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
         self.controller = self.opening.controller = Controller(self.document, self.scene, self)
         self.controller.drawn.connect(self._on_drawn)
-        self.label_thread = LabelThread(self.document, self.scene, self)
-        self.label_thread.measured.connect(self.label_panel.table.show_sizes)
+        self.label_marks = LabelMarks(self.document, self.scene, self)
+        self.label_marks.measured.connect(self.label_panel.table.show_sizes)
         self.select_tool = SelectTool(self.document, self.scene, self.controller, self)
         self.commands.select_tool = self.select_tool
         self.commands.cutting = Cutting(self.document, self.scene)

@@ -51,7 +51,7 @@ def document(neuron: Mesh, tmp_path: Path) -> Document:
     scaled = ScaleJob(before.mesh, VOXEL, "nm", before.path).run(Listener(tmp_path)).content
     document.accept_mesh(scaled)
     repair = RepairJob(document.mesh, "keep_largest_component", document.path)
-    document.accept_mesh(repair.run(Listener(tmp_path)))
+    document.accept_mesh(repair.run(Listener(tmp_path)).content)
     spectrum = spectrum_of(document.mesh, 30)
     areas = compute_vertex_areas(document.mesh, robust=True)
     document.accept_spectrum(replace(spectrum, operator=OperatorOptions(), mass=areas))

@@ -1,4 +1,4 @@
-"""Thread that measures the labels of the current set, and draws their borders and their graph."""
+"""Sizes, borders and graph of the labels of the current set."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _Drawn: TypeAlias = dict[str, Marks | None]
 _NOTHING: _Drawn = {"borders": None, "graph": None}
 
 
-class LabelThread(QObject):
+class LabelMarks(QObject):
     """Sizes, borders and graph of the current set, computed after each change of the labels."""
 
     #: A set, and the `LabelSizes` of its labels.
