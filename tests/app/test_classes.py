@@ -22,7 +22,6 @@ from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import ClassesJob
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
@@ -276,7 +275,7 @@ def test_without_eigenpairs_nothing_is_learned_and_computing_goes_first(
     assert note(window).startswith("Classes are learned from eigenpairs: compute them")
     assert not part(window, "class_classify_button").isEnabled()
     document.solve.target = Target("count", 60)
-    document.work.request(DecomposeJob(MESH, document.solve.operator, document.solve.target))
+    document.solve.compute()
     qtbot.waitUntil(lambda: document.labels.predicted is not None, timeout=PATIENCE)
     rest(window, qtbot)
     assert [each.name for each in predicted(window).labels] == ["label 1", "label 2"]

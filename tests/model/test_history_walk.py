@@ -20,7 +20,7 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import DecomposeJob, Task
+from meshmash_viewer.model.jobs import Task
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
 from meshmash_viewer.model.open_mesh import MapGrew, Shown
 from meshmash_viewer.spectral.weyl import Target
@@ -173,11 +173,9 @@ def _grow_map(walk: Walk) -> None:
 
 def _compute(walk: Walk) -> None:
     document = walk.document
+    document.solve.target = Target("count", _PAIRS)
     if document.solve.can_compute:
-        assert document.mesh is not None
-        document.work.request(
-            DecomposeJob(document.mesh, document.solve.operator, Target("count", _PAIRS))
-        )
+        document.solve.compute()
 
 
 ACTIONS: dict[str, Callable[[Walk], object]] = {
