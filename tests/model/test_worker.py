@@ -209,11 +209,11 @@ def test_a_mesh_of_the_same_name_is_not_taken_for_the_one_before(
     named = Mesh(sphere.vertices, sphere.faces, name="ball")
     other = Mesh(2.0 * sphere.vertices, sphere.faces, name="ball")
     for mesh in (named, other, named.in_unit("nm"), named.in_voxels((3.0, 3.0, 3.0), "nm")):
-        ready = lasting.run(InspectJob(mesh))
+        ready = lasting.run(InspectJob(mesh)).content
         np.testing.assert_array_equal(ready.mesh.vertices, mesh.vertices)
         assert (ready.mesh.unit, ready.mesh.voxel) == (mesh.unit, mesh.voxel)
         assert ready.health.area == pytest.approx(mesh.area)
-    grew = lasting.run(DecomposeJob(other, OperatorOptions(), Target("count", 4)))
+    grew = lasting.run(DecomposeJob(other, OperatorOptions(), Target("count", 4))).content
     np.testing.assert_allclose(grew.eigenvalues[1:], 0.5, rtol=0.02)
     errors = lasting.worker.folder / "stderr.txt"
     printed = errors.read_bytes().replace(b"a stray line on standard output", b"")
