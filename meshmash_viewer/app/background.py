@@ -253,9 +253,9 @@ class Tasks(QObject):
         lost = "" if task is None else task.lost()
         notice = notice_of(replace(failure, text=failure.text + lost))
         if task is not None and isinstance(task.job, PiecesJob) and failure.code == "seams-differ":
-            accepting = replace(task.job, accept_seams=True)
-            again = partial(self._document.work.request, accepting, task.accept)
-            notice = replace(notice, action=again, button="Accept the seams")
+            again = task.again(replace(task.job, accept_seams=True))
+            repeat = partial(self._document.work.requested.emit, again)
+            notice = replace(notice, action=repeat, button="Accept the seams")
         self._end(notice)
 
     def _on_cancelled(self, _: None) -> None:

@@ -277,6 +277,11 @@ class Task:
     #: Whether the result has been accepted.
     succeeded: bool = False
 
+    def again(self, job: Job) -> Task:
+        """Return a request of another job by the same requester."""
+        functions = self.receive, self.needed, self.then, self.cancelled, self.lost
+        return Task(job, self.accept, *functions)
+
     def take(self, content: object) -> None:
         """Accept the content of the result."""
         if self.needed():

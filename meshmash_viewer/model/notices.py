@@ -38,7 +38,7 @@ class Notice:
     #: Text that the button "Copy details" copies.
     details: str = ""
     #: Function that the button calls; `button` is the text of the button.
-    action: Callable[[], None] | None = None
+    action: Callable[[], object] | None = None
     button: str = "Undo"
     #: Whether the notice disappears after some seconds although it has a button.
     brief: bool = False
