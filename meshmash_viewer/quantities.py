@@ -28,7 +28,8 @@ from meshmash_viewer.units import (
 )
 
 _T = TypeVar("_T")
-#: Sizes of voxels, for messages.
+#: Remedies, and sizes of voxels for messages.
+_ALONE, _EITHER_FORM = "write the number alone", "write it like one of these"
 _VOXELS = '"8 nm" or "4 x 4 x 40 nm"'
 #: Maximum length of a text quoted in a message, and of a number.
 _SHOWN, _LONGEST = 40, 100
@@ -69,10 +70,8 @@ class Quantity:
         `InputError` is raised if the text has a unit and `unit` is empty.
         """
         if self.unit and not unit:
-            raise InputError(
-                f"{self.text} has a unit, and the mesh has none: write the number alone, or set"
-                " the unit of the mesh."
-            )
+            remedy = "write the number alone, or set the unit of the mesh"
+            raise InputError("no-unit", f"{self.text} has a unit, and the mesh has none", remedy)
         shift = self.power * (METRES[self.unit] - METRES[unit]) if self.unit else 0
         return _float(self.value.scaleb(shift), self.text)
 
@@ -107,7 +106,7 @@ def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool 
     expected = _length_power(_plain(unit))
     if expected is None:
         known = f"this is in {unit}" if unit else "none is known here"
-        raise InputError(f"{_shown(text)} has a unit, and {known}: write the number alone.")
+        raise InputError("no-unit", f"{_shown(text)} has a unit, and {known}", _ALONE)
     return _quantity(value, written, expected[1], text).in_unit(expected[0])
 
 
@@ -142,11 +141,12 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
     try:
         value, written = _split(text, whole=True)
     except AmbiguousError as fault:
-        raise InputError(f"{allowed}: {fault}") from None
+        raise InputError(fault.code, f"{allowed}: {fault.fault}", fault.remedy) from None
     except InputError:
-        raise InputError(f"{allowed}, not {_shown(text) if text.strip() else 'empty'}.") from None
+        given = _shown(text) if text.strip() else "empty"
+        raise InputError("not-a-number", f"{allowed}, not {given}") from None
     if written or value != value.to_integral_value() or not least <= value <= most:
-        raise InputError(f"{allowed}, not {_shown(text)}.")
+        raise InputError("out-of-range", f"{allowed}, not {_shown(text)}")
     return int(value)
 
 
@@ -165,7 +165,8 @@ def parse_several(
     >>> [each.in_unit("nm") for each in parse_several("1 x 2 µm", 2, parse_quantity, "1 x 2")]
     [1000.0, 2000.0]
     """
-    fault = InputError(f"{_shown(text)} is not {count} numbers: write them like {example}.")
+    what, remedy = f"{_shown(text)} is not {count} numbers", f"write them like {example}"
+    fault = InputError("not-a-number", what, remedy)
     numbers, unit = re.fullmatch(r"(.*?) ?([^\W\dx_]*)", _plain(text)).groups()  # type: ignore[union-attr]
     for separator in _SEPARATORS:
         parts = re.split(separator, numbers)
@@ -205,16 +206,15 @@ def parse_voxel(text: str) -> tuple[Voxel, str]:
     if len(readings) == 2:
         (one, *_), three = ([f"{size.value:f}" for size in each] for each in readings)
         unit = readings[0][0].unit
-        raise AmbiguousError(
-            f"{_shown(text)} may be a voxel of {' × '.join(three)} {unit} or of {one} {unit}:"
-            " write it like one of these."
-        )
+        what = f"{_shown(text)} may be a voxel of {' × '.join(three)} {unit} or of {one} {unit}"
+        raise AmbiguousError("ambiguous-number", what, _EITHER_FORM)
     sizes = readings[0]
     name = sizes[-1].unit
     factor, unit = MESH_UNITS[name]
     x, y, z = (factor * size.in_unit(name) for size in sizes)
     if not is_voxel((x, y, z)):
-        raise InputError(f"{_shown(text)} is no voxel: give positive sizes such as {_VOXELS}.")
+        remedy = f"give positive sizes such as {_VOXELS}"
+        raise InputError("out-of-range", f"{_shown(text)} is no voxel", remedy)
     return (x, y, z), unit
 
 
@@ -242,7 +242,8 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
     except InputError:
         unit = ""
     if not unit:
-        raise InputError(f"{text!r} is not a length unit: give {UNIT_FORMS}.") from None
+        what = f"{text!r} is not a length unit"
+        raise InputError("wrong-unit", what, f"give {UNIT_FORMS}") from None
     return voxel, unit
 
 
@@ -257,10 +258,8 @@ def _split(text: str, *, whole: bool = False) -> tuple[Decimal, str]:
     scale = f"e{power}" if power else ""
     if _EITHER.fullmatch(digits) and ("." if whole else ",") in digits:
         thousands, decimal = re.sub("[.,]", "", digits), float(digits.replace(",", "."))
-        raise AmbiguousError(
-            f"{_shown(text)} may be {sign}{thousands}{scale} or {sign}{decimal}{scale}: write it"
-            " like one of these."
-        )
+        what = f"{_shown(text)} may be {sign}{thousands}{scale} or {sign}{decimal}{scale}"
+        raise AmbiguousError("ambiguous-number", what, _EITHER_FORM)
     several = whole or "." in digits or digits.count(",") > 1
     if several and _COMMAS.fullmatch(digits):
         digits = digits.replace(",", "")
@@ -295,8 +294,9 @@ def _quantity(value: Decimal, written: str, power: int, text: str) -> Quantity:
     name, own = found
     if own != power:
         right = power_unit(name.replace("um", "µm"), power)
-        remedy = f"write it in {right}" if power else "write the number alone"
-        raise InputError(f"{_shown(text)} is {_KINDS.get(own, 'in another unit')}: {remedy}.")
+        remedy = f"write it in {right}" if power else _ALONE
+        what = f"{_shown(text)} is {_KINDS.get(own, 'in another unit')}"
+        raise InputError("wrong-unit", what, remedy)
     return Quantity(value, name, power, text.strip())
 
 
@@ -311,17 +311,18 @@ def _float(value: Decimal, text: str) -> float:
 
 
 def _no_size(text: str) -> InputError:
-    return InputError(f"{_shown(text)} is too large or too small: write a number such as 3.1e5.")
+    what = f"{_shown(text)} is too large or too small"
+    return InputError("out-of-range", what, "write a number such as 3.1e5")
 
 
 def _no_number(text: str) -> InputError:
-    return InputError(f"{_shown(text)} is not a number: write 3.1e5.")
+    return InputError("not-a-number", f"{_shown(text)} is not a number", "write 3.1e5")
 
 
 def _no_unit(text: str, written: str) -> InputError:
     if not _UNIT.fullmatch(written):
         return _no_number(text)
-    return InputError(f"{_shown(text)} is in a unit that is not known: write the number alone.")
+    return InputError("wrong-unit", f"{_shown(text)} is in a unit that is not known", _ALONE)
 
 
 def _shown(text: str) -> str:

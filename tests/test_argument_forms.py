@@ -164,7 +164,7 @@ def test_each_form_gives_the_same(name: str, tmp_path: Path) -> None:
 def test_areas_of_arrays_are_recalled_or_those_of_the_mesh_or_refused(tmp_path: Path) -> None:
     values, vectors = mv.decompose_mesh(BALL, 8)
     copied = values, vectors.copy()
-    with raises("no-areas"):
+    with raises("no-area"):
         mv.filter_map(copied, HEIGHT, HEAT)
     measured = BALL, 3, "biharmonic"
     wanted = mv.distance_features(*measured, (values, vectors)).values
@@ -174,7 +174,7 @@ def test_areas_of_arrays_are_recalled_or_those_of_the_mesh_or_refused(tmp_path: 
     np.testing.assert_allclose(written(tmp_path / "p.npz")["mass"], plain.mass, rtol=1e-12)
     (tmp_path / "p.npz").unlink()
     for wrong in ((values, 2.0 * vectors), (values, np.ones_like(vectors))):
-        with raises("no-areas", "areas of these eigenvectors are not known"):
+        with raises("no-area", "areas of these eigenvectors are not known"):
             mv.write_eigenpairs(tmp_path / "x.npz", wrong, BALL)
     with raises("wrong-shape", "shape (k,) with eigenvectors of shape (n, k)"):
         mv.compute_features((values, vectors.T), HEAT)

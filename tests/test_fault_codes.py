@@ -9,21 +9,16 @@ from pathlib import Path
 
 import meshmash_viewer
 
+_FAULTS = ("InputError", "UnprovenError", "AmbiguousError")
 PACKAGE = Path(meshmash_viewer.__file__).parent
-#: Folders and modules whose faults are still one sentence.
-_SENTENCES = (
-    "errors.py", "quantities.py", "pieces.py", "parameter.py",
-)  # fmt: skip
 
 
 def _first_arguments() -> Iterator[tuple[str, ast.expr]]:
     """Yield the place and the first argument of each `InputError`."""
     for path in sorted(PACKAGE.rglob("*.py")):
         where = path.relative_to(PACKAGE)
-        if not set(where.parts).isdisjoint(_SENTENCES):
-            continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "InputError":
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in _FAULTS:
                 yield f"{where}:{node.lineno}", node.args[0]
 
 

@@ -180,10 +180,10 @@ class Restoration:
                 "pins and field may not be where they were."
             )
         pins = self._pins()
-        if len(pins) < len(session.pins):
+        if missing := sum(self._place(index) is None for index in session.pins):
             self._warn(
                 f"{self.path.name} has pins at vertices that {document.path} does not have: "
-                f"{len(session.pins) - len(pins):,} of {len(session.pins):,} are left out."
+                f"{missing:,} of {len(session.pins):,} are left out."
             )
         document.pins.set("pins", pins)
         document.selection.put(self._mask(session.selection, "selection"))

@@ -325,7 +325,7 @@ def given_landmarks(options: Namespace, first: Mesh, second: Mesh) -> list[tuple
     """
     if options.landmark and len(options.mesh) > 2:
         fault = f"--landmark is for two meshes, not {len(options.mesh)}"
-        raise InputError("too-many-meshes", fault, "give each pair of meshes its own command")
+        raise InputError("too-many", fault, "give each pair of meshes its own command")
     return [(first.vertex_of(here), second.vertex_of(there)) for here, there in options.landmark]
 
 

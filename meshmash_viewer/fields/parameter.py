@@ -71,6 +71,7 @@ def checked_entry(kind: Any, value: object, path: Path, entry: str = "") -> Any:
         return msgspec.convert(value, kind, dec_hook=_check_text)
     except msgspec.ValidationError as fault:
         text, _, place = str(fault).partition(" - at `$")
+        text = text.partition(" matching regex")[0]
         place = (entry + place.rstrip("`")).lstrip(".")
         raise invalid_entry(path, place, text) from None
 
@@ -96,7 +97,7 @@ def _read_number(least: float, most: float, text: str) -> float:
     value = parse_number(text)
     if not least <= value <= most:
         bounds = f"a number from {least:g} to {most:g}"
-        raise InputError(f"the value is {bounds}, not {printable(text, _SHOWN)}.")
+        raise InputError("out-of-range", f"the value is {bounds}, not {printable(text, _SHOWN)}")
     return value
 
 

@@ -165,7 +165,7 @@ def most_maps(maps: Sequence[RawMap]) -> tuple[tuple[RawMap, ...], tuple[str, ..
 def too_many_maps(count: int) -> InputError:
     """Return the fault of a file or array with more than `MOST_MAPS` columns."""
     fault = f"has {count:,} columns, of which {MOST_MAPS} can be taken at most"
-    return InputError("too-many-columns", fault)
+    return InputError("too-many", fault)
 
 
 def vertex_indices(numbers: npt.NDArray[Any]) -> IntArray:
@@ -359,13 +359,13 @@ def read_guarded(
     except ChildEnded as fault:
         if fault.killed:
             raise InputError(
-                "child-ended",
+                "process-crashed",
                 "was not read, because the system ended the process that reads it: the file is"
                 " damaged, or too little memory is free",
                 "close other programs and try again",
             ) from None
         what = "is so damaged that the library that reads it crashes"
-        raise InputError("child-ended", what) from None
+        raise InputError("process-crashed", what) from None
 
 
 class ReadWatch:

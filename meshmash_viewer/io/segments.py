@@ -100,7 +100,7 @@ def read_segment(
             return call_in_child(fetch, link, notes, look=look, env=env)
         except ChildEnded:
             fault = "has a fragment so broken that the library that reads it ends on it"
-            raise InputError("child-ended", fault, "open another segment") from None
+            raise InputError("process-crashed", fault, "open another segment") from None
 
 
 def _follower(
@@ -238,7 +238,7 @@ def _is_mesh_folder(place: str) -> bool:
     if not info.get("mesh"):
         fault = "belongs to a layer without meshes (its info names no folder of them)"
         remedy = "take a layer of segments that Neuroglancer shows in 3D"
-        raise InputError("no-meshes", fault, remedy)
+        raise InputError("no-mesh", fault, remedy)
     return False
 
 

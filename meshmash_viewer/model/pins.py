@@ -148,7 +148,7 @@ def checked_color(text: str) -> str:
     """
     if text and not _COLOR.fullmatch(text):
         fault = f"{printable(text, 30)!r} is not a colour"
-        raise InputError("wrong-colour", fault, "write it as #E69F00")
+        raise InputError("wrong-color", fault, "write it as #E69F00")
     return text.upper()
 
 

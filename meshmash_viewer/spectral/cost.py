@@ -73,7 +73,7 @@ def check_memory(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
 
 def _no_room(what: str, needed: float, free: float, remedy: str) -> InputError:
     fault = f"{what} take about {written_bytes(needed)} of memory, and {written_bytes(free)}"
-    return InputError("no-memory", f"{fault} are free", f"{remedy}, or close other programs")
+    return InputError("out-of-memory", f"{fault} are free", f"{remedy}, or close other programs")
 
 
 def check_room(what: str, needed: float, remedy: str) -> None:

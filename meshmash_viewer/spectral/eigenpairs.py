@@ -447,7 +447,7 @@ def _from_arrays(
         mass = _areas(vectors, mesh)
     if len(mass) != len(vectors):
         raise InputError(
-            "no-areas",
+            "no-area",
             f"The areas of these eigenvectors are not known to {call}, as of a copy or a file",
             "give Eigenpairs(eigenvalues, eigenvectors.T, residuals, mass=M.diagonal())",
         )

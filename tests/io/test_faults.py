@@ -234,7 +234,7 @@ def test_a_reader_without_memory_says_so(tmp_path: Path, monkeypatch: pytest.Mon
             convert(f"{vtk.__name__}:read_legacy_vtk", Path("mesh.vtk"), math.inf)
     # `read_guarded` reads in a child process, which is made to kill itself here.
     monkeypatch.setattr("meshmash_viewer.work._CHILD", "import os; os.kill(os.getpid(), 9)")
-    with raises("child-ended"):
+    with raises("process-crashed"):
         read_guarded(read_legacy_vtk, saved(tmp_path, VERTICES, FACES))
 
 

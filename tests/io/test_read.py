@@ -721,7 +721,7 @@ def test_a_reader_that_ends_its_process(
     monkeypatch.setattr("meshmash_viewer.work._CHILD", f"import os; os.kill(os.getpid(), {signal})")
     write_vtk(tmp_path / name)
     fault = fault_of(tmp_path / name)
-    assert (fault.code, message in fault.fault) == ("child-ended", True)
+    assert (fault.code, message in fault.fault) == ("process-crashed", True)
 
 
 def test_no_triangle_left_after_merging(tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ def test_missing_segment(layers: dict[str, Path], layout: str) -> None:
 
 @pytest.mark.usefixtures("read_here")
 def test_layer_without_meshes_or_info_or_folder(tmp_path: Path) -> None:
-    assert fault_of(source(write_layer(tmp_path / "bare"))).code == "no-meshes"
+    assert fault_of(source(write_layer(tmp_path / "bare"))).code == "no-mesh"
     (tmp_path / "empty").mkdir()
     assert fault_of(source(tmp_path / "empty")).code == "no-layer"
     assert fault_of(source(tmp_path / "nowhere")).code == "no-layer"

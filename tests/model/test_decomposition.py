@@ -122,14 +122,14 @@ def test_what_cannot_fit_is_refused_with_a_way_out(
     sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     check_memory(1_000_000, 7_000_000, 100, 10**12)
-    with raises("no-memory"):
+    with raises("out-of-memory"):
         check_memory(1_000_000, 7_000_000, 300, 5 * 10**9)
-    with raises("no-memory", "simplify the mesh"):
+    with raises("out-of-memory", "simplify the mesh"):
         check_memory(10**9, 7 * 10**9, 300, 10**9)
     monkeypatch.setattr(cost, "free_memory", lambda: 10_000)
-    with raises("no-memory", "of memory"):
+    with raises("out-of-memory", "of memory"):
         decompose(sphere, OPERATOR, Target("count", 20), listener)
-    with raises("no-memory", "of memory"):
+    with raises("out-of-memory", "of memory"):
         decompose(sphere, OPERATOR, Target("max_eigenvalue", 20.0), listener)
 
 
