@@ -33,8 +33,8 @@ class InputError(ValueError):
     >>> try:
     ...     mv.read_mesh("nowhere.ply")
     ... except mv.InputError as error:
-    ...     print(error)
-    nowhere.ply does not exist; check the spelling of its name and folder.
+    ...     print(error.code, error, sep=": ")
+    file-not-found: nowhere.ply does not exist: check the spelling of its name and folder.
     """
 
     def __init__(self, code: str, fault: str = "", remedy: str = "") -> None:
