@@ -70,6 +70,8 @@ class Opening(QObject):
         self._second_restoration: Restoration | None = None
         #: Paths of two meshes that are opened together, and map files of the second mesh.
         self._waiting: tuple[Path, Path, list[Path]] | None = None
+        self._history = document.history.of("window")
+        self._history.keep("second mesh", self._session_of_second, self._restore_second)
         follow(document.mesh_changed, self._open_waiting)
         follow((document.mesh_changed, document.spectrum_changed), self._name_first)
 
@@ -195,10 +197,10 @@ class Opening(QObject):
             self.document.notices.show(notice)
 
     def start_afresh(self, path: Path) -> None:
-        """Delete the stored session of a mesh file, and open the file."""
-        self.last_session.forget(path)
+        """Open the file of the mesh as it is, which can be undone; its stored state is kept."""
+        self.last_session.keep_state(path)
         self.end_comparison()
-        self.document.open_mesh(path)
+        self.document.start_afresh()
 
     def _look_of(self) -> tuple[dict[str, Any], Pair | None]:
         """Return the camera (empty without a render) and the pair, to be stored in a session."""
@@ -301,6 +303,30 @@ class Opening(QObject):
         return view
 
     def end_comparison(self) -> None:
+        """Close the second mesh as one change."""
+        session = self._session_of_second()
+        self._end_comparison()
+        if session is not None:
+            self._history.record("closing of the second mesh", before={"second mesh": session})
+
+    def _session_of_second(self) -> Session | None:
+        """Return the session of the second mesh; None without one that is read from a file."""
+        pair = self.pair
+        if pair is None or pair.second.path is None:
+            return None
+        return replace(session_of(pair.second, {}), links=sorted(pair.links), match=pair.match)
+
+    def _restore_second(self, session: Session | None) -> None:
+        if session is None:
+            self._end_comparison()
+        elif self.scene is not None:
+            view = self._make_view(session.links)
+            view.pair.match = session.match
+            path = Path(session.mesh_path)
+            self._second_restoration = Restoration(view.document, path, session)
+            self._second_restoration.begin()
+
+    def _end_comparison(self) -> None:
         if self.second_view is not None:
             view, self.second_view, self._second_restoration = self.second_view, None, None
             view.shut()
@@ -344,15 +370,14 @@ class Opening(QObject):
         if restoration.camera is not None:
             self.scene.set_camera(restoration.camera.to_json(), fitted=restoration.fitted)
         if restoration.second is not None and self._waiting is None:
-            view = self._make_view(restoration.second.links)
-            view.pair.match = restoration.second.match
-            path = Path(restoration.second.mesh_path)
-            self._second_restoration = Restoration(view.document, path, restoration.second)
             file, names = restoration.path, restoration.second.kept_maps
+            self._restore_second(restoration.second)
+            assert self._second_restoration is not None
+            assert self.pair is not None
+            second = self.pair.second
             self._second_restoration.restored.connect(
-                lambda: self.last_session.restore_maps(view.document, file, names)
+                lambda: self.last_session.restore_maps(second, file, names)
             )
-            self._second_restoration.begin()
         self._open_waiting()
 
     def store_session(self, path: Path) -> None:

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QInputDialog, QLabel
@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QInputDialog, QLabel
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.background import BackgroundIO
 from meshmash_viewer.app.executor import Slot
-from meshmash_viewer.app.listening import listen, receive
+from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.opening import Opening, ask
 from meshmash_viewer.app.view.points import PointCloud, point_colors
 from meshmash_viewer.errors import InputError
@@ -55,7 +55,8 @@ class PointTool(QObject):
         self._slot = Slot(self, "points")
         listen(document.mesh_changed, self._begin)
         listen((document.points.changed, document.labels.changed), self.refresh)
-        receive(document.points.requested, self._restore)
+        listen(document.points.requested, self._restore)
+        self._restore()  # the session may have been restored before the render was made
         self.refresh()
 
     # -- reading ------------------------------------------------------------------------------
@@ -129,10 +130,12 @@ class PointTool(QObject):
         dialog.resize(_WIDE, dialog.sizeHint().height())
         ask(dialog, lambda: then(dialog.textValue()))
 
-    def _restore(self, known: dict[str, Any]) -> None:
-        """Read the points stored in a session."""
-        document, mesh, path = self._document, self._document.mesh, Path(known["path"])
-        assert mesh is not None  # points are restored after the mesh
+    def _restore(self) -> None:
+        """Read the points stored in a session, if any."""
+        document, mesh, known = self._document, self._document.mesh, self._document.points.awaited
+        if not known or mesh is None:
+            return
+        path = Path(known["path"])
         how = known.get("unit", ""), known.get("position", "")
         looks = {name: known[name] for name in ("column", "size", "max_distance") if name in known}
 

@@ -156,12 +156,12 @@ class Restoration:
 
     def _advance(self, task: Task) -> None:
         """Restore the state of the document once the mesh has been read and repaired."""
+        document = self._document
         if task.succeeded and not self._stopped:
-            document = self._document
-            document.solve.operator = self.session.operator
-            if self.session.target is not None:
-                document.solve.target = self.session.target
             with document.history.paused():
+                document.solve.operator = self.session.operator
+                if self.session.target is not None:
+                    document.solve.target = self.session.target
                 self._restore()
 
     def _restore(self) -> None:

@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -135,8 +136,8 @@ class Settings:
 
 #: Minimum time in milliseconds between two writes of a session.
 _PAUSE = 300
-#: Number of mesh files whose sessions are kept.
-_KEPT = 200
+#: Number of mesh files whose sessions are kept, and of earlier states of a file.
+_KEPT, _STATES = 200, 3
 
 
 class LastSession(QObject):
@@ -239,11 +240,19 @@ class LastSession(QObject):
         session = replace(session, kept_maps=list(self._kept[document]))
         self._start_writing(path, session, maps)
 
-    def forget(self, mesh_path: Path) -> None:
-        self._timer.stop()
-        self._waiting = False
+    def keep_state(self, mesh_path: Path) -> None:
+        """Copy the session of a mesh file as it is now; the last `_STATES` copies are kept.
+
+        A copy can be opened like any session.
+        """
+        self.save()
         self._slot.wait()
-        _delete(self.path(mesh_path))
+        session = self.path(mesh_path)
+        if session.exists():
+            copy = f"{_key(session)}-{time.time_ns():x}{SESSION_ENDING}"
+            shutil.copyfile(session, session.with_name(copy))
+            for old in _states(session)[:-_STATES]:
+                old.unlink(missing_ok=True)
 
     def restore_maps(self, document: Document, session: Path, names: Sequence[str]) -> int:
         """Add the maps in files next to a session to a document; return the number of maps."""
@@ -332,7 +341,8 @@ class LastSession(QObject):
             for name, each in maps.items():
                 write_kept_maps(self._folder / name, each)
             write_session(path, session)
-            _delete_maps(path, session.kept_maps)
+            kept = [read_session(state).kept_maps for state in _states(path)]
+            _delete_maps(path, [*session.kept_maps, *chain.from_iterable(kept)])
             self._delete_oldest()
         except (InputError, OSError) as fault:
             return str(fault)
@@ -374,6 +384,11 @@ def _delete_maps(session: Path, but: Sequence[str] = ()) -> None:
     for file in session.parent.glob(f"{_key(session)}.*{KEPT_MAPS_ENDING}"):
         if file.name not in but:
             file.unlink(missing_ok=True)
+
+
+def _states(session: Path) -> list[Path]:
+    """Return the copies that `LastSession.keep_state` made of a session, oldest first."""
+    return sorted(session.parent.glob(f"{_key(session)}-*{SESSION_ENDING}"))
 
 
 def _key(session: Path) -> str:

@@ -18,6 +18,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.parameter import Name, NotNegative, Text, checked_entry
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.learn import Classifier, ColumnKind
+from meshmash_viewer.model.history import History
 from meshmash_viewer.model.jobs import MeshJob, Task, Work, heard_warnings
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
@@ -153,11 +154,20 @@ class Classes:
     changed = Signal()
 
     def __init__(
-        self, opened: OpenMesh, maps: Maps, labels: Labels, work: Work, notices: Notices
+        self,
+        opened: OpenMesh,
+        maps: Maps,
+        labels: Labels,
+        work: Work,
+        notices: Notices,
+        history: History,
     ) -> None:
         self._opened, self._maps, self._labels = opened, maps, labels
         self._work, self._notices = work, notices
         self._options, self._live = ClassOptions(), False
+        self._history = history
+        history.keep("classes", lambda: (self._options, self._live), self._put)
+        history.started.connect(self.restore)
         #: By predicted set: its scores, and the source of its training; None if that is not known.
         self._known: WeakKeyDictionary[VertexMap, tuple[Learned, _Source | None]]
         self._known = WeakKeyDictionary()
@@ -169,6 +179,7 @@ class Classes:
         self._running: Task | None = None
         #: Label set for which training failed, and the reason.
         self._refused: tuple[VertexMap, str] | None = None
+        labels.source_of = self._source_of
         for signal in (opened.spectrum_changed, labels.changed):
             signal.connect(self._follow)
 
@@ -179,9 +190,7 @@ class Classes:
 
     @options.setter
     def options(self, options: ClassOptions) -> None:
-        self._options = options
-        self._follow()
-        self.changed.emit()
+        self._change("options of the classes", options, self._live)
 
     @property
     def live(self) -> bool:
@@ -190,20 +199,42 @@ class Classes:
 
     @live.setter
     def live(self, live: bool) -> None:
-        self._live = live
         if live:
             self._awaiting = None  # the user asks for a prediction from the current labels
+        self._change("live classification", self._options, live)
+
+    def _change(self, label: str, options: ClassOptions, live: bool) -> None:
+        before = self._options, self._live
+        if before != (options, live):
+            self._history.record(label, before={"classes": before})
+        self._put((options, live))
+
+    def _put(self, state: tuple[ClassOptions, bool]) -> None:
+        self._options, self._live = state
         self._follow()
         self.changed.emit()
 
     @property
+    def _taught(self) -> VertexMap | None:
+        """The set to learn from: the current set, or that from which it was predicted."""
+        known = self._labels.current
+        if known is None or not self._labels.is_predicted(known):
+            return known
+        others = (each for each in self._labels.sets if not self._labels.is_predicted(each))
+        return self._source_of(known) or next(others, None)
+
+    def _source_of(self, predicted: VertexMap) -> VertexMap | None:
+        learned, _ = self._known.get(predicted, (None, None))
+        return next(
+            (each for each in self._labels.sets if learned and each.name == learned.labels), None
+        )
+
+    @property
     def missing(self) -> str:
         """Sentence on the missing input of a training on the current labels; "" for none."""
-        known, spectrum = self._labels.current, self._opened.spectrum
+        known, spectrum = self._taught, self._opened.spectrum
         if known is None:
             return "There is no label set to learn from: press New set, and label some vertices."
-        if known is self._labels.predicted:
-            return f"{known.name} is the prediction: choose the label set to learn from."
         if spectrum is None or not spectrum.complete:
             return "Classes are learned from eigenpairs: compute them in the Mesh panel first."
         if not self._options.kinds:
@@ -213,7 +244,7 @@ class Classes:
     @property
     def said(self) -> str:
         """Scores of the prediction, or the reason why there is none, in one line."""
-        if self._refused is not None and self._refused[0] is self._labels.current:
+        if self._refused is not None and self._refused[0] is self._taught:
             return self._refused[1]
         if self.learned is None:
             return ""
@@ -222,8 +253,8 @@ class Classes:
     @property
     def outdated(self) -> bool:
         """Whether the prediction was learned from other labels or options than the current ones."""
-        known, predicted = self._labels.current, self._labels.predicted
-        if predicted is None or known is predicted:
+        known, predicted = self._taught, self._labels.predicted
+        if predicted is None:
             return False
         return self._last[1] != (known, self._options)
 
@@ -272,7 +303,7 @@ class Classes:
 
     def _accept(self, job: ClassesJob, found: tuple[Sequence[VertexMap], Learned]) -> None:
         """Add the maps of a result, unless the job is live and the labels have changed since."""
-        if job.live and job.labels is not self._labels.current:
+        if job.live and job.labels is not self._taught:
             return
         maps, learned = found
         self._refused = self._awaiting = None
@@ -302,7 +333,7 @@ class Classes:
     def _follow(self) -> None:
         """Request a live prediction, once for each change of labels or options."""
         self._recall()
-        known, predicted = self._labels.current, self._labels.predicted
+        known, predicted = self._taught, self._labels.predicted
         up_to_date = predicted is not None and not self.outdated
         if not self._live or known is None or self._awaiting is not None or up_to_date:
             return
@@ -321,7 +352,7 @@ class Classes:
             self.changed.emit()
 
     def _request(self, *, live: bool) -> None:
-        solved, labels, spectrum = self._opened.solved, self._labels.current, self._opened.spectrum
+        solved, labels, spectrum = self._opened.solved, self._taught, self._opened.spectrum
         assert solved is not None
         assert labels is not None
         assert spectrum is not None

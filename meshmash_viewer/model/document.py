@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -43,7 +43,7 @@ from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import Voxel, counted
 
-#: Attributes of the display recorded in the history, with their names in the menu.
+#: Attributes of the display and of the solve recorded in the history, with their names in the menu.
 _RECORDED = {
     "policies": "colour limits",
     "log_scales": "colour scale",
@@ -51,7 +51,15 @@ _RECORDED = {
     "sequential_colormap": "colour map",
     "hide_small": "hiding of small components",
     "cut": "clipping plane",
+    "shape": "rebuilt shape",
+    "nodal_lines": "nodal lines",
+    "label_borders": "borders of labels",
+    "label_graph": "graph of labels",
 }
+_RECORDED_OF_SOLVE = {"operator": "Laplacian", "target": "number of eigenpairs"}
+#: Parameters of families that choose what is displayed, like `Display.kind`.
+_CHOICES = {"chosen", "view"}
+_PARAMETERS = {"flipped": "flip of a sign", "rotation": "rotation"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +91,7 @@ class Document(OpenMesh):
         self.display = Display()
         self.notices = Notices()
         self.work = Work()
-        #: Changes by the user: of mesh, pins, selection, signs, colours and limits.
+        #: Changes by the user of all that a session stores, but for what is displayed.
         self.history = History() if history is None else history
         self.history.keep("mesh", lambda: self.maps.settled(), self._restore_mesh, self._is_ready)
         self._keep_display()
@@ -94,11 +102,19 @@ class Document(OpenMesh):
         self.points = DocumentPoints(self, self.history)
         self.maps = Maps(self, self.display, self.history, self.notices)
         self.labels = Labels(
-            self, self.maps, self.selection, self.hiding, self.display, self.notices, self.work
+            self,
+            self.maps,
+            self.selection,
+            self.hiding,
+            self.display,
+            self.notices,
+            self.work,
+            self.history,
         )
-        self.classes = Classes(self, self.maps, self.labels, self.work, self.notices)
-        self.history.started.connect(self.classes.restore)
+        self.classes = Classes(self, self.maps, self.labels, self.work, self.notices, self.history)
         self.solve = Solve(self, self.work, self.accept_spectrum)
+        for part, label in _RECORDED_OF_SOLVE.items():
+            self._keep_attribute(self.solve, self.solve.changed, part, label)
         self.work.requested.connect(self.notices.begin_turn)
         for signal in (
             self.mesh_changed, self.spectrum_changed, self.pins.changed, self.history.changed,
@@ -108,9 +124,6 @@ class Document(OpenMesh):
         #: The pending undo, whose former mesh is being computed again.
         self._undoing: _Undoing | None = None
         self._file_mesh: Mesh | None = None
-        #: Of a mesh that was repaired: the displayed family and all families before the repair.
-        self._sources: WeakKeyDictionary[MeshReady, tuple[str, Mapping[str, Family]]]
-        self._sources = WeakKeyDictionary()
         self._preview: Eigenpairs | None = None
         #: Files to open after the mesh that is being read, which a failure of reading leaves out.
         self.following: tuple[Path, ...] = ()
@@ -171,6 +184,12 @@ class Document(OpenMesh):
     def _not_opened(self) -> str:
         names = ", ".join(path.name for path in self.following)
         return f" Not opened either: {names}." if names else ""
+
+    def start_afresh(self) -> None:
+        """Request to read the open file again, without what was made since, as one change."""
+        if self.path is not None:
+            job = ReadJob(self.path, "", self.solve.operator)
+            self.work.request(job, partial(self._take_mesh, afresh=True))
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Request to show a mesh in memory."""
@@ -247,7 +266,8 @@ class Document(OpenMesh):
         """
         part, known = found
         if records:
-            self.history.record("part that is computed", "mesh", "signs", "rotation", "selection")
+            parts = "mesh", "selection", "target", *self._families
+            self.history.record("part that is computed", *parts)
         with self.history.paused():
             if computes:
                 self.selection.put(None)  # the selection would cover the field
@@ -322,7 +342,6 @@ class Document(OpenMesh):
             return
         if shown.ready.mesh.vertices is not now.vertices:
             self._show(shown.ready, shown.spectrum, now)
-            self._restore_sources(shown.ready)
             return
         solved = shown.ready.part or shown.ready
         if not self.is_solved(solved.mesh):
@@ -335,43 +354,72 @@ class Document(OpenMesh):
         else:
             self.spectrum_changed.emit()
 
-    def _restore_sources(self, ready: MeshReady) -> None:
-        """Restore the families whose source vertex a repair of a mesh has removed."""
-        display, (kind, families) = self.display, self._sources.get(ready, ("", {}))
-        lost = [name for name in families if families[name].usable]
-        lost = [name for name in lost if not display.fields[name].usable]
-        display.put(*(families[name] for name in lost))
-        if kind in lost:
-            display.kind = kind
-
     def _keep_display(self) -> None:
         """Declare the parts of the display that can be undone, and record their changes."""
         display, keep = self.display, self.history.keep
-        keep(
-            "signs",
-            lambda: display[Eigenfunctions].flipped,
-            lambda flipped: display.change(Eigenfunctions, flipped=flipped),
-        )
-        keep(
-            "rotation",
-            lambda: display[Eigenfunctions].rotation,
-            lambda rotation: display.change(Eigenfunctions, rotation=rotation),
-        )
+        #: Names of the parts of the families.
+        self._families = tuple(f"field {name}" for name in display.fields)
+        for part, name in zip(self._families, display.fields, strict=True):
+            keep(part, partial(self._family, name), self._restore_family)
+        keep("kind", lambda: display.kind, lambda kind: setattr(display, "kind", kind))
+        display.events.fields.connect(self._record_families)
         for part, label in _RECORDED.items():
-            keep(part, partial(getattr, display, part), partial(setattr, display, part))
-            # psygnal keeps a weak reference to a method in a partial, so a closed document is freed
-            getattr(display.events, part).connect(partial(self._record_part, part, label))
+            self._keep_attribute(display, display.events, part, label)
+
+    def _keep_attribute(self, of: object, events: Any, part: str, label: str) -> None:
+        """Declare an attribute as a part of the history, and record its changes."""
+        self.history.keep(part, partial(getattr, of, part), partial(setattr, of, part))
+        # psygnal keeps a weak reference to a method in a partial, so a closed document is freed
+        getattr(events, part).connect(partial(self._record_part, part, label))
 
     def _record_part(self, part: str, label: str, _new: object, old: object) -> None:
         self.history.record(label, before={part: old})
 
+    def _record_families(self, new: Mapping[str, Family], old: Mapping[str, Family]) -> None:
+        """Record changes of parameters, but for choices of what is displayed and for playing."""
+        if self.history.is_paused or self.display.playing:
+            return
+        changed = [
+            (each, name)
+            for each in new.values()
+            if each is not old[each.name]
+            for name in each.declared()
+            if name not in _CHOICES and getattr(each, name) != getattr(old[each.name], name)
+        ]
+        if changed:
+            family, name = changed[0]
+            label = _PARAMETERS.get(name) or f"{family.short} {_word(family, name)}"
+            names = {each.name for each, _ in changed}
+            self.history.record(label, before={f"field {at}": old[at] for at in names})
+
+    @property
+    def display_parts(self) -> tuple[str, ...]:
+        """Names of the parts of the history that are displayed."""
+        return *self._families, "kind", *_RECORDED
+
+    def _family(self, name: str) -> Family:
+        return self.display.fields[name]
+
+    def _restore_family(self, family: Family) -> None:
+        """Restore a family, within the range of the eigenpairs computed since."""
+        now, spectrum = self.display.fields[family.name], self.spectrum
+        chosen = {each: getattr(now, each) for each in family.declared() if each in _CHOICES}
+        family = replace(family, **chosen)
+        within = spectrum is not None and spectrum.complete
+        self.display.put(family.within(spectrum) if within and spectrum else family)
+
     # -- results ----------------------------------------------------------------------------
 
     def _take_mesh(
-        self, ready: MeshReady, maps: tuple[Path, ...] = (), *, keeps_target: bool = False
+        self,
+        ready: MeshReady,
+        maps: tuple[Path, ...] = (),
+        *,
+        keeps_target: bool = False,
+        afresh: bool = False,
     ) -> None:
         """Show a mesh, then read maps from files, and request a preview of its eigenpairs."""
-        self.accept_mesh(ready, keeps_target=keeps_target)
+        self.accept_mesh(ready, keeps_target=keeps_target, afresh=afresh)
         if maps:
             self.maps.open(maps)
         self.solve.preview(ready)
@@ -380,16 +428,26 @@ class Document(OpenMesh):
         if self._undoing is not None and task.job is self._undoing.job:
             self._undoing = None
 
-    def accept_mesh(self, ready: MeshReady, *, keeps_target: bool = False) -> None:
+    def accept_mesh(
+        self, ready: MeshReady, *, keeps_target: bool = False, afresh: bool = False
+    ) -> None:
         """Show a mesh that was read or repaired, with its stored spectrum.
 
-        The target is set to that of the stored spectrum, unless `keeps_target`.
+        The target is set to that of the stored spectrum, unless `keeps_target`. With `afresh`,
+        everything made on the mesh of the same file is dropped as one change.
         """
-        if self.solve.target.kind != "count" and not self._measures_as(ready):
-            # a length or an eigenvalue does not suit a mesh of another size
-            self.solve.target = DEFAULT_TARGET
+        # a length or an eigenvalue does not suit a mesh of another size
+        resets = self.solve.target.kind != "count" and not self._measures_as(ready)
         if ready.derived and self.ready is not None:
             self._accept_derived(replace(ready, source=self.ready.source), self.ready.mesh)
+        elif afresh and ready.path == self.path:
+            self.history.record("fresh start", *self.history.read())
+            self._file_mesh = ready.mesh
+            with self.history.paused():
+                self.maps.begin(ready.mesh)
+                self._show(ready, ready.known)
+                self.classes.restore()
+                self._offer_undo(f"{ready.mesh.name} is as in its file.")
         else:
             self._undoing = None
             self._file_mesh = ready.before[0] if ready.before else None
@@ -402,8 +460,11 @@ class Document(OpenMesh):
             if ready.unasked:
                 text = f"Repaired as before: {listed_repairs(ready.repairs)}."
                 self._offer_undo(text)
-        if not keeps_target:
-            self._restore_target(ready.known)
+        with self.history.paused():
+            if resets:
+                self.solve.target = DEFAULT_TARGET
+            if not keeps_target:
+                self._restore_target(ready.known)
 
     def _restore_target(self, stored: Eigenpairs | None) -> None:
         """Set the target to what was asked for the stored pairs of a mesh."""
@@ -420,9 +481,9 @@ class Document(OpenMesh):
                 "pins": followed_pins(self.pins.placed, before, ready.mesh),
                 "selection": followed_mask(self.selection.mask, before, ready.mesh),
                 self.hiding.part: followed_mask(self.hiding.mask, before, ready.mesh),
-                "signs": frozenset(),
-                "rotation": (),
             }
+            followed = self._followed(ready, before)
+            parts |= {f"field {each.name}": each for each in followed}
             if self.history.complete(undoing.step, parts):
                 for _ in range(undoing.times):
                     self.history.undo()
@@ -435,8 +496,6 @@ class Document(OpenMesh):
             text = f"The {label} needs eigenpairs of the whole mesh; Undo brings the part back."
             self.notices.say(text)
         self.history.record(label, *self.history.read())  # all parts depend on the mesh
-        assert self.ready is not None
-        self._sources[self.ready] = self.display.kind, self.display.fields
         with self.history.paused():
             self._show(ready, ready.known, before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs change")
@@ -475,21 +534,16 @@ class Document(OpenMesh):
         self.hiding.follow(before, ready.mesh)
         if before is None:
             self.points.drop()
-        n_components = ready.health.n_components
-        display = self.display
-        display.put(
-            *(
-                (each if same_unit else each.for_other_unit()).for_other_mesh(n_components)
-                if before is None
-                else _repaired(
-                    each,
-                    n_components,
-                    partial(same_vertex, before, ready.mesh),
-                    same_size=same_unit and before.voxel == ready.mesh.voxel,
+        n_components, display = ready.health.n_components, self.display
+        if before is None:
+            display.put(
+                *(
+                    (each if same_unit else each.for_other_unit()).for_other_mesh(n_components)
+                    for each in display.fields.values()
                 )
-                for each in display.fields.values()
             )
-        )
+        else:
+            display.put(*self._followed(ready, before))
         if spectrum is not None and spectrum.complete:
             self._go_within(spectrum)
         if not display.family.usable:
@@ -497,6 +551,16 @@ class Document(OpenMesh):
         if not ready.derived:
             display.shape, display.vibrating, display.cut = Shape(), False, Cut()
         self._emit_all()
+
+    def _followed(self, ready: MeshReady, before: Mesh) -> list[Family]:
+        """Return the families for the mesh `before` after a repair or with another voxel size."""
+        mesh = ready.mesh
+        same = (before.unit, before.voxel) == (mesh.unit, mesh.voxel)
+        vertex = partial(same_vertex, before, mesh)
+        return [
+            _repaired(each, ready.health.n_components, vertex, same_size=same)
+            for each in self.display.fields.values()
+        ]
 
     def _emit_all(self) -> None:
         self.mesh_changed.emit()
@@ -535,7 +599,8 @@ class Document(OpenMesh):
 
     def _go_within(self, spectrum: Eigenpairs) -> None:
         """Clip the position of every family to the range of a spectrum."""
-        self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
+        with self.history.paused():
+            self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
 
     # -- the displayed family ----------------------------------------------------------------
 
@@ -543,13 +608,11 @@ class Document(OpenMesh):
         """Flip the sign of the displayed eigenfunction."""
         family = self.display.family
         if isinstance(family, Eigenfunctions):
-            self.history.record("flip of a sign", "signs")
             self.display.put(family.sign_flipped())
 
     def rotate(self, other: int, degrees: int) -> None:
         """Rotate the chosen eigenfunction towards the eigenfunction `other` of its multiplet."""
         chosen = self.display[Eigenfunctions]
-        self.history.record("rotation", before={"rotation": chosen.rotation})
         self.display.change(Eigenfunctions, rotation=(chosen.index, other, degrees))
 
     @property
@@ -562,6 +625,14 @@ class Document(OpenMesh):
         if self.pins.placed:
             chosen = self.display[Similarity]
             self.display.show(replace(chosen, vertex=self.pins.placed[-1].vertex))
+
+
+def _word(family: Family, name: str) -> str:
+    """Return the word for a parameter in "Undo …", such as "time" of a heat kernel signature."""
+    declared, noun = family.declared()[name], family.nouns[0]
+    if declared.text:
+        return declared.text[0].lower() + declared.text[1:].partition(",")[0]
+    return noun.lower() if name in family.position and noun != "Column" else name
 
 
 def _repaired(

@@ -18,6 +18,7 @@ from meshmash_viewer.errors import InputError, unknown
 from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.history import History
 from meshmash_viewer.model.jobs import RegionsJob, Work
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices, Severity
@@ -64,6 +65,7 @@ class Labels:
         display: Display,
         notices: Notices,
         work: Work,
+        history: History,
     ) -> None:
         self._opened, self._maps = opened, maps
         self._selection, self._hiding = selection, hiding
@@ -73,6 +75,9 @@ class Labels:
         self.measured: Regions | None = None
         self.regions: Regions | None = None
         self.regions_of: VertexMap | None = None
+        #: Returns the set from which a prediction was learned, or None; set by `Classes`.
+        self.source_of: Callable[[VertexMap], VertexMap | None] = lambda _: None
+        history.keep("label set", lambda: self._chosen, self._restore, alongside="mesh")
         display.events.connect(self._follow)
         opened.mesh_changed.connect(self._drop_regions)
 
@@ -99,9 +104,9 @@ class Labels:
     @property
     def predicted(self) -> VertexMap | None:
         """The last predicted set, see `Classes`; None without a prediction."""
-        return next(filter(self._is_predicted, reversed(self.sets)), None)
+        return next(filter(self.is_predicted, reversed(self.sets)), None)
 
-    def _is_predicted(self, known: VertexMap) -> bool:
+    def is_predicted(self, known: VertexMap) -> bool:
         return bool(_PREDICTED.fullmatch(known.name)) and self._maps.is_made_here(known)
 
     def choose(self, name: str, *, displayed: bool = True) -> None:
@@ -111,11 +116,16 @@ class Labels:
             self._maps.show(name)
         self.changed.emit()
 
+    def _restore(self, name: str) -> None:
+        """Choose a set again, and display it if a set or a removed map is displayed."""
+        shown, names = self._maps.displayed, [each.name for each in self.sets]
+        shows = shown in names or self._maps.is_missing(shown)
+        self.choose(name, displayed=shows and name in names)
+
     def _follow(self) -> None:
-        """Make the displayed set the current set, unless it is a prediction."""
+        """Make the displayed set the current set."""
         name = self._maps.displayed
-        made = (each.name for each in self.sets if not self._is_predicted(each))
-        if name != self._chosen and name in made:
+        if name != self._chosen and name in (each.name for each in self.sets):
             self.choose(name, displayed=False)
 
     @_said
@@ -198,15 +208,17 @@ class Labels:
     def assign(self, key: int | None) -> None:
         """Assign the selected vertices to a label, or remove their labels (None).
 
-        Vertices of locked labels do not change. A notice states the number of locked vertices, and
+        For a prediction, the labels it was learned from are changed, and displayed. Vertices of
+        locked labels do not change. A notice states the number of locked vertices, and
         the number of changed vertices if another field is displayed.
         """
-        known, mask = self._set, self._selection.mask
+        mask = self._selection.mask
         if mask is None:
             text = "Nothing is selected: select vertices, then assign them to a label."
             selection = self._selection
             self._notices.show(Notice(text, Severity.WARNING, holds=lambda: selection.mask is None))
             return
+        known = self._painted()
         to = known.no_label if key is None else self._label(key).key
         changing = mask & (known.values != to)
         kept = changing & np.isin(known.values, [each.key for each in known.labels if each.locked])
@@ -227,7 +239,7 @@ class Labels:
     @_said
     def assign_nth(self, number: int) -> None:
         """Assign the selected vertices to the label at a position of the list, from 1."""
-        labels = self._set.labels
+        labels = self._painted().labels
         if number > len(labels):
             fault = f"There is no label {number}, as there are {counted(len(labels), 'label')}"
             raise InputError("unknown-name", fault, "make one with New label")
@@ -292,6 +304,15 @@ class Labels:
             raise InputError("no-labels", "There is no label set", "make one with New label")
         return known
 
+    def _painted(self) -> VertexMap:
+        """Return the set whose vertices are assigned, and make it the current set."""
+        known = self._set
+        source = self.source_of(known) if self.is_predicted(known) else None
+        if source is None:
+            return known
+        self.choose(source.name, displayed=self.current_is_displayed)
+        return source
+
     def _label(self, key: int) -> Label:
         labels = {label.key: label for label in self._set.labels}
         if key not in labels:
@@ -325,9 +346,17 @@ class Labels:
             self._change(what, labels=tuple(labels))
 
     def _change(self, what: str, **changes: Any) -> None:
+        """Change the current set; a changed prediction gets a name of its own, and so stays."""
         if "values" in changes:
             changes["values"].flags.writeable = False  # the map keeps this array
-        self._maps.change(what, replace(self._set, **changes))
+        known, shown = self._set, self.current_is_displayed
+        if not self.is_predicted(known):
+            self._maps.change(what, replace(known, **changes))
+            return
+        name = f"{known.name}, edited"
+        self._maps.exchange(what, [known.name], [replace(known, name=name, **changes)])
+        assert self._opened.mesh is not None
+        self.choose(self._opened.mesh.maps[-1].name, displayed=shown)
 
 
 class LabelSizes(NamedTuple):

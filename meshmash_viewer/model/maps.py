@@ -58,6 +58,10 @@ class Maps:
         #: Maps that were removed while they were displayed, also by undo.
         self._removed: set[str] = set()
         display.events.connect(self._note_shown)
+        history.keep("edited maps", lambda: self.edited, self._put_edited, alongside="mesh")
+
+    def _put_edited(self, edited: frozenset[str]) -> None:
+        self.edited = edited
 
     def begin(self, mesh: Mesh) -> None:
         """Reset the state for another mesh, whose maps are all in its file."""
@@ -327,20 +331,21 @@ class Maps:
         maps = self._display[OwnMaps]
         if colors:
             maps = replace(maps, colors=tuple({**dict(maps.colors), name: colors}.items()))
-        self._display.show(replace(maps, chosen=name, view="map"))
+        with self._history.paused():
+            self._display.show(replace(maps, chosen=name, view="map"))
 
     def _note_shown(self) -> None:
         """Store the field that was displayed before the displayed map."""
-        name = "" if self._is_missing(self.displayed) else self.displayed
+        name = "" if self.is_missing(self.displayed) else self.displayed
         shown = self._display.kind, name
         if shown != self._shown:
-            if name and not self._is_missing(self._shown[1]):
+            if name and not self.is_missing(self._shown[1]):
                 self._former[name] = self._shown
             self._shown = shown
 
     def _leave_removed(self) -> None:
         """Display the former field if the displayed map is no longer in the mesh."""
-        while (name := self.displayed) in self._former and self._is_missing(name):
+        while (name := self.displayed) in self._former and self.is_missing(name):
             kind, chosen = self._former.pop(name)
             self._removed.add(name)
             if chosen:
@@ -348,7 +353,7 @@ class Maps:
             else:
                 self._display.kind = kind
 
-    def _is_missing(self, name: str) -> bool:
+    def is_missing(self, name: str) -> bool:
         """Return whether the mesh has no map of a name."""
         mesh = self._opened.mesh
         maps = () if mesh is None else mesh.maps

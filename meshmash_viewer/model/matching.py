@@ -123,6 +123,7 @@ class MatchedDocuments:
 
     def match_by(self, feature: str | None = None, *, refined: bool | None = None) -> None:
         """Change the given options of the match, and request another comparison."""
+        self.second.history.record("match", "match")
         self.matched_in = self.matched_in if feature is None else feature
         self.refined = self.refined if refined is None else refined
         self._follow_spectra()
@@ -265,8 +266,9 @@ class MatchedDocuments:
         self._asked = first.rows, mesh.faces
         mine, solve = self.first.solve, self.second.solve
         top = matched_top(_as_shown(first), mesh.area)
-        solve.operator = mine.operator
-        solve.target = Target("max_eigenvalue", top) if top > 0.0 else mine.target
+        with self.second.history.paused():
+            solve.operator = mine.operator
+            solve.target = Target("max_eigenvalue", top) if top > 0.0 else mine.target
         if not solve.is_computed:
             solve.compute()
 

@@ -50,6 +50,9 @@ class Pair(MatchedDocuments):
         #: after `Family.filled_in`.
         self._applied: dict[str, tuple[Family, Family]] = {}
         first.pins.partner, second.pins.partner = second.pins, first.pins
+        keep = second.history.keep
+        keep("links", lambda: (self.links, self._by_side), self._put_links)
+        keep("match", lambda: self.match, lambda match: setattr(self, "match", match))
         events = first.display.events
         self._connections = [
             *(
@@ -80,6 +83,7 @@ class Pair(MatchedDocuments):
 
     def link(self, name: str, on: bool) -> None:
         """Activate or deactivate one of `LINKS`; deactivation does not change the second mesh."""
+        self._record_links()
         self.links = self.links | {name} if on else self.links - {name}
         self._apply_display(everything=True)
         self.changed.emit()
@@ -91,9 +95,18 @@ class Pair(MatchedDocuments):
 
     def link_cameras(self, how: str) -> None:
         """Set the link of the cameras to a key of `CAMERAS`."""
+        self._record_links()
         self.links = self.links - set(CAMERAS) | {how} - {"free"}
         self._by_side = False
         self._apply_display()
+        self.changed.emit()
+
+    def _record_links(self) -> None:
+        """Record links, and what the second mesh displays, since linking it replaces that."""
+        self.second.history.record("link", "links", *self.second.display_parts)
+
+    def _put_links(self, links: tuple[frozenset[str], bool]) -> None:
+        self.links, self._by_side = links
         self.changed.emit()
 
     def set_links(self, links: Collection[str] | None) -> None:
@@ -115,6 +128,7 @@ class Pair(MatchedDocuments):
 
     def carry(self, on: bool) -> None:
         """Show the field of the first mesh on the second, or the own field of the second."""
+        self.second.history.record("match", "match")
         self.carries = on
         self.changed.emit()
 

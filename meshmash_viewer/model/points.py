@@ -45,8 +45,8 @@ class DocumentPoints:
 
     #: Emitted when other points are shown, or their appearance or their vertices change.
     changed = Signal()
-    #: Requests to read the points of a session (`PointSet.plain`).
-    requested = Signal(object)
+    #: Emitted when the points `awaited` are to be read.
+    requested = Signal()
 
     def __init__(self, opened: OpenMesh, history: History) -> None:
         self._opened, self._history = opened, history
@@ -54,12 +54,12 @@ class DocumentPoints:
         #: The points projected onto the mesh; None until the projection is computed.
         self.projected: ProjectedPoints | None = None
         #: Entry of a session whose points have not been read yet.
-        self._awaited: dict[str, Any] = {}
+        self.awaited: dict[str, Any] = {}
         history.keep("points", lambda: self.shown, self.put)
 
     def put(self, points: PointSet | None, found: ProjectedPoints | None = None) -> None:
         """Replace the points without a record in the history; `found` is their projection."""
-        before, self.shown, self._awaited = self.shown, points, {}
+        before, self.shown, self.awaited = self.shown, points, {}
         projections = [each and (each.table, each.max_distance) for each in (before, points)]
         if found is not None or points is None or projections[0] != projections[1]:
             self.projected = found
@@ -87,14 +87,14 @@ class DocumentPoints:
 
     def drop(self) -> None:
         """Remove the points of the previous mesh; the caller emits `changed`."""
-        self._awaited, self.shown, self.projected = {}, None, None
+        self.awaited, self.shown, self.projected = {}, None, None
 
     def plain(self) -> dict[str, Any]:
         """Return the entry of a session."""
-        return self._awaited if self.shown is None else self.shown.plain()
+        return self.awaited if self.shown is None else self.shown.plain()
 
     def restore(self, known: dict[str, Any]) -> None:
         """Request the points of a session; until they are read, `plain` returns `known`."""
         if known.get("path"):
-            self._awaited = known
-            self.requested.emit(known)
+            self.awaited = known
+            self.requested.emit()

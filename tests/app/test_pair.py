@@ -1012,7 +1012,9 @@ def test_a_session_and_a_script_have_both(
     path = tmp_path / "both.meshmash.json"
     window.opening.store_session(path)
     window.opening.end_comparison()
-    window.opening.last_session.forget(folder / "other.npz")  # as on another computer
+    last_session = window.opening.last_session
+    last_session.close()
+    last_session.path(folder / "other.npz").unlink()  # as on another computer
     window.opening.restore_session(path)
     wait_for(lambda: window.opening.second_view is not None)
     rest(window)

@@ -6,7 +6,7 @@ A new kind of change needs an entry in `ACTIONS`: each part of the history must 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +18,9 @@ from tiers import slow
 
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.health import REPAIRS
+from meshmash_viewer.model.display import Shape
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import Task
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
@@ -76,9 +78,27 @@ class Walk:
         assert all(pin.vertex < mesh.n_vertices for pin in self.document.pins.placed)
         maps = [(each.name, each.unit, each.values.tobytes()) for each in mesh.maps]
         indices = mesh.file_indices.tobytes()
-        return state | {
-            "mesh": (mesh.content_hash, indices, mesh.unit, mesh.voxel, maps, shown.ready.repairs)
+        del state["kind"]  # what is displayed is not a change
+        # computed pairs limit positions, which is not a change
+        fields = {
+            part: replace(value.at_rest(), **dict.fromkeys(value.own, ""))
+            for part, value in state.items()
+            if part.startswith("field ")
         }
+        return (
+            state
+            | fields
+            | {
+                "mesh": (
+                    mesh.content_hash,
+                    indices,
+                    mesh.unit,
+                    mesh.voxel,
+                    maps,
+                    shown.ready.repairs,
+                ),
+            }
+        )
 
     def act(self, name: str) -> None:
         """Make a change by its name in `ACTIONS`, and record the state if it is a step."""
@@ -199,6 +219,16 @@ ACTIONS: dict[str, Callable[[Walk], object]] = {
     "sequential": lambda walk: setattr(
         walk.document.display, "sequential_colormap", walk.pick(["viridis", "magma", "cividis"])
     ),
+    "times": lambda walk: walk.document.display.change(
+        HeatKernelSignature, scales=walk.pick(range(8, 40))
+    ),
+    "rebuilt shape": lambda walk: setattr(
+        walk.document.display, "shape", Shape(True, walk.pick(range(4, 9)))
+    ),
+    "target": lambda walk: setattr(
+        walk.document.solve, "target", Target("count", walk.pick([5, 6, 7]))
+    ),
+    "live": lambda walk: setattr(walk.document.classes, "live", walk.pick([True, False])),
     "add a map": _add_map,
     "remove a map": _remove_map,
     "grow a map": _grow_map,

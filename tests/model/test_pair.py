@@ -192,6 +192,28 @@ def test_what_is_cut_stays(pair: Pair) -> None:
     assert second.kind == "band"
 
 
+def test_links_and_match_are_undone_with_what_they_replaced(pair: Pair) -> None:
+    first, second, history = pair.first.display, pair.second.display, pair.first.history
+    first.change(GeometryVectors, index=9)
+    pair.link("position", False)
+    second.change(GeometryVectors, index=3)
+    pair.link("position", True)
+    assert second[GeometryVectors].index == 9
+    pair.carry(True)
+    pair.match_by("hks")
+    assert history.undo_label == "match of the second mesh"
+    history.undo()
+    history.undo()
+    assert (pair.matched_in, pair.carries) == ("wks", False)
+    assert history.undo_label == "link of the second mesh"
+    history.undo()
+    assert "position" not in pair.links
+    assert second[GeometryVectors].index == 3
+    history.redo()
+    assert "position" in pair.links
+    assert second[GeometryVectors].index == 9
+
+
 def test_a_pin_has_matches_and_corresponds_to_the_pin_of_its_number_on_the_other_mesh(
     pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
 ) -> None:

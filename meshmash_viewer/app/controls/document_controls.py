@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton
+from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton, QSlider
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import follow
@@ -97,6 +97,12 @@ def written_cost(document: Document, target: Target) -> str:
     n_bytes = cost.decomposition_bytes(document.solved.health.n_vertices, pairs)
     time = cost.written_duration(document.solve.expected_seconds(target))
     return f"about {cost.written_bytes(n_bytes)} of memory and {time}"
+
+
+def undone_as_one(slider: QSlider, document: Document) -> None:
+    """Make all changes during a drag of a slider one step of the history."""
+    slider.sliderPressed.connect(document.history.hold)
+    slider.sliderReleased.connect(document.history.end_gesture)
 
 
 class ComputeButton(QPushButton):

@@ -120,6 +120,7 @@ class StepSlider(QSlider):
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Jump to the pointer; QSlider then starts a drag."""
         if event.button() == Qt.MouseButton.LeftButton:
+            self.setSliderDown(True)  # the jump belongs to the drag
             share = (event.position().x() - _EDGE) / (self._x(1.0) - _EDGE)
             span = self.maximum() - self.minimum()
             self.setSliderPosition(self.minimum() + round(min(max(share, 0.0), 1.0) * span))

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.document_controls import undone_as_one
 from meshmash_viewer.app.controls.make import PANEL, column, row
 from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.dialogs.files import ask_to_save
@@ -60,8 +61,8 @@ class ShapePanel(QWidget):
             "morph",
             "From the mesh itself to the reconstruction",
             lambda share: self._change(morph=share / 100, shown=True),
+            (0, 100),
         )
-        self.morph.setRange(0, 100)
         self.morph_label = make.label("shape_morph_label", role="value")
         self.facts = make.Facts(_FACTS)
         self.save_button = make.button(
@@ -71,8 +72,8 @@ class ShapePanel(QWidget):
             "amplitude",
             "Amplitude, in percent of the size of the mesh",
             lambda share: self._change(amplitude=share / 100),
+            (1, round(100 * MOST_AMPLITUDE)),
         )
-        self.amplitude.setRange(1, round(100 * MOST_AMPLITUDE))
         self.amplitude_label = make.label("shape_amplitude_label", role="value")
         self.swing_button = make.button(
             "Vibrate",
@@ -102,9 +103,17 @@ class ShapePanel(QWidget):
             )
         )
 
-    def _slider(self, what: str, spoken: str, act: Callable[[int], None]) -> StepSlider:
+    def _slider(
+        self,
+        what: str,
+        spoken: str,
+        act: Callable[[int], None],
+        ends: tuple[int, int] = (FEWEST_PAIRS, FEWEST_PAIRS),
+    ) -> StepSlider:
         made = theme.named(StepSlider(own_keys=True), f"shape_{what}_slider", spoken)
+        made.setRange(*ends)  # before the connection, as it changes the value
         made.valueChanged.connect(act)
+        undone_as_one(made, self._document)
         return made
 
     # -- from the user ----------------------------------------------------------------------

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
-from meshmash_viewer.app.controls.document_controls import ComputeButton
+from meshmash_viewer.app.controls.document_controls import ComputeButton, undone_as_one
 from meshmash_viewer.app.controls.make import PANEL, Part, column, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.step_slider import LogSlider, StepSlider, decade_marks
@@ -120,10 +120,12 @@ class FamilyTab(QWidget):
     def _make_slider(self, name: str, accessible: str, tip: str = "") -> StepSlider:
         self.slider = theme.named(StepSlider(), name, accessible, tip=tip)
         self.slider.valueChanged.connect(self._choose)
+        undone_as_one(self.slider, self._document)
         return self.slider
 
     def _make_time_slider(self, name: str, accessible: str) -> LogSlider:
         self.times = theme.named(LogSlider(), name, accessible)
+        undone_as_one(self.times, self._document)
         self.times.given.connect(lambda time: self._change(**{self.family.position[0]: time}))
         return self.times
 

@@ -67,7 +67,8 @@ class PinChooser(FamilyTab):
         if pins and (chosen is None or pins[-1].number not in before):
             chosen = pins[-1]
         if chosen is None or chosen.vertex != vertex:
-            self._change(vertex=None if chosen is None else chosen.vertex)
+            with self._document.history.paused():  # a consequence of the pins
+                self._change(vertex=None if chosen is None else chosen.vertex)
         with QSignalBlocker(self.combo):
             self.combo.clear()
             for pin in pins:

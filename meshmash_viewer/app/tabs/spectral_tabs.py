@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QApplication, QLineEdit
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import native_text
 from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.document_controls import undone_as_one
 from meshmash_viewer.app.controls.make import (
     Facts,
     column,
@@ -65,6 +66,7 @@ class EigenfunctionTab(FamilyTab):
         self.angle.setRange(0, 180)
         self.angle.setPageStep(15)
         self.angle.valueChanged.connect(self._rotate)
+        undone_as_one(self.angle, self._document)
         above = row(make.muted("Rotate towards"), self.towards_combo, None, self.angle_label)
         self.rotation = theme.named(holder(column(above, self.angle)), "rotation_controls")
 
