@@ -118,7 +118,7 @@ def test_labels_of_a_map_are_label_objects(labels: Any) -> None:
 
 @pytest.mark.parametrize("path", [None, b"a.ply", io.BytesIO(b"ply"), MESH, trimesh.Trimesh(), 3])
 def test_a_file_is_named_by_its_path(path: Any) -> None:
-    with pytest.raises(InputError, match="read_mesh reads a file, not an object of type"):
+    with raises("wrong-type", "read_mesh reads a file, not an object of type"):
         mv.read_mesh(path)
 
 

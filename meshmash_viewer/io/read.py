@@ -23,7 +23,6 @@ from meshmash_viewer.errors import (
     cut_short,
     not_readable,
     printable,
-    wrong_type,
 )
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.io.formats.brain import (
@@ -173,7 +172,8 @@ def read_mesh(
     """
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
     if not isinstance(path, (str, PathLike)):
-        raise wrong_type("Names of mesh files", type(path), "a path; other functions take meshes")
+        fault = f"read_mesh reads a file, not an object of type {type(path).__name__}"
+        raise InputError("wrong-type", fault, "give its path; other functions take meshes")
     link, ending = _linked(path, segment, lod), LINK_ENDING
     if link is None:
         path = Path(path)
