@@ -382,7 +382,7 @@ class Document(OpenMesh):
         changed = [
             (each, name)
             for each in new.values()
-            if each is not old[each.name]
+            if f"field {each.name}" in self._families and each is not old[each.name]
             for name in each.declared()
             if name not in _CHOICES and getattr(each, name) != getattr(old[each.name], name)
         ]

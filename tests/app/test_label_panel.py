@@ -583,7 +583,7 @@ def test_the_set_opened_last_is_the_chosen_one(
     ("numbers", "why"),
     [
         slow(MESH.vertices[:, 2], "has values that are no whole numbers"),
-        slow(np.arange(MESH.n_vertices), "641 labels, and 512 can be distinguished"),
+        slow(np.arange(MESH.n_vertices), "641 labels, more than 512 colours"),
         (np.zeros(MESH.n_vertices), "has no vertex with a label"),
     ],
     ids=["shares", "many", "none"],
