@@ -32,7 +32,6 @@ distributed = pytest.importorskip("distributed")
 #: A separate process with a scheduler and workers, which prints its address.
 ALONE = """
 import distributed, sys
-from faults import raises
 if __name__ == "__main__":
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"

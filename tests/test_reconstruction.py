@@ -77,7 +77,7 @@ def test_one_pair_is_refused_and_leaves_what_was_there(
     assert "each component would become a point: take more pairs" in capsys.readouterr().err
     assert out.read_text() == "before"
     assert main(["reconstruct", str(ball), "-o", str(tmp_path / "smooth.csv")]) == 2
-    assert "no ending in which meshes can be written" in capsys.readouterr().err
+    assert "no ending in which it can be written" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -271,8 +271,8 @@ def test_the_command_writes_the_table(
     assert read["label"].to_pylist() == ["1"]
     assert b"meshmash-viewer" in read.schema.metadata
     for labels, message in (
-        ("several.npz", "several.npz has 2 maps, name one after a colon: one, two."),
-        ("several.npz:three", "several.npz has 2 maps, name one"),
+        ("several.npz", "several.npz has 2 maps: name one after a colon, of one, two."),
+        ("several.npz:three", "several.npz has 2 maps: name one"),
         ("height.npy", "no whole numbers"),
     ):
         assert main([*given, labels, "-o", "out.csv"]) == 2

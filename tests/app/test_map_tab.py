@@ -539,7 +539,8 @@ def test_a_gaussian_is_given_by_its_width(window: MainWindow) -> None:
     texts = [label.text() for label in field.parentWidget().findChildren(QLabel)]
     assert "FWHM 20\N{NO-BREAK SPACE}mm" in texts
     document.display.put(chosen)
-    document.history.undo()
+    while document.unit and document.history.past:
+        document.history.undo()
     assert document.unit == ""
 
 

@@ -37,7 +37,7 @@ import meshmash_viewer as mv
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
-from meshmash_viewer.app.executor import is_idle
+from meshmash_viewer.app.executor import is_idle, shutdown
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.plots.plot import MatrixView
@@ -1013,7 +1013,8 @@ def test_a_session_and_a_script_have_both(
     window.opening.store_session(path)
     window.opening.end_comparison()
     last_session = window.opening.last_session
-    last_session.close()
+    last_session.save()
+    shutdown(last_session)
     last_session.path(folder / "other.npz").unlink()  # as on another computer
     window.opening.restore_session(path)
     wait_for(lambda: window.opening.second_view is not None)

@@ -72,7 +72,9 @@ def choose(qtbot: QtBot, plot: QWidget, name: str) -> None:
 def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
-    window.document.accept_errors(np.geomspace(1e-3, 0.2, len(window.document.spectrum)))
+    spectrum = window.document.spectrum
+    window.document.spectrum = spectrum.with_measured(np.geomspace(1e-3, 0.2, len(spectrum)))
+    window.document.spectrum_changed.emit()
     plot, spectrum = window.spectrum_panel.plot, window.document.spectrum
     svg = saved(qtbot, window, plot, tmp_path / "a.svg").read_text(encoding="utf-8")
     before = plot.grab().toImage()  # deferred drawing has ended by now

@@ -69,7 +69,7 @@ def test_a_scene_is_the_mesh_in_the_colours_of_its_field(
 def test_a_page_without_trame_is_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(picture, "_PAGE_MAKERS", ("no_such_library",))
+    monkeypatch.setattr(picture, "_PAGES", (*picture._PAGES[:2], "no_such_library"))
     assert 'pip install "meshmash-viewer[html]"' in picture.missing_pages()
     with raises("package-missing", "trame"):
         picture.write_scene(mesh_to_poly(shapes.icosphere(0)), tmp_path / "ball.html")
@@ -79,7 +79,7 @@ def test_a_page_without_trame_is_one_sentence(
 def test_the_dialog_says_what_a_page_needs(
     qtbot: QtBot, window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(picture, "_PAGE_MAKERS", ("no_such_library",))
+    monkeypatch.setattr(picture, "_PAGES", (*picture._PAGES[:2], "no_such_library"))
     dialog = opened(qtbot, window, tmp_path / "plate.html")
     formats = part(dialog, "scene_format_combo")
     assert not formats.model().item(formats.findData(".html")).isEnabled()

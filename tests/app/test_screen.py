@@ -82,7 +82,7 @@ def run(script: str, *arguments: str, **variables: str) -> list[str]:
         ({"DISPLAY": "unix:4711"}, "DISPLAY=unix:4711 does"),
         ({"DISPLAY": "localhost:4711.0"}, "DISPLAY=localhost:4711.0 does"),
         ({"DISPLAY": "nonsense"}, "DISPLAY=nonsense does"),
-        ({"DISPLAY": ""}, f"{WITHOUT};"),
+        ({"DISPLAY": ""}, f"{WITHOUT}:"),
         ({"QT_QPA_PLATFORM": "xcb"}, "DISPLAY= does not"),
         ({"QT_QPA_PLATFORM": "offscreen"}, "QT_QPA_PLATFORM=offscreen draws no window"),
         ({"QT_QPA_PLATFORM": "minimal:enable_fonts"}, "QT_QPA_PLATFORM=minimal draws"),
