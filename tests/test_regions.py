@@ -278,7 +278,7 @@ def test_the_command_writes_the_table(
         assert main([*given, labels, "-o", "out.csv"]) == 2
         assert message in capsys.readouterr().err
     assert main([*given, "side.npy", "-o", "out.xyz"]) == 2
-    assert ".csv .parquet .npz" in capsys.readouterr().err
+    assert ".csv, .parquet, .npz" in capsys.readouterr().err
 
 
 def test_an_option_that_is_gone_names_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:

@@ -71,7 +71,7 @@ def test_a_page_without_trame_is_one_sentence(
 ) -> None:
     monkeypatch.setattr(picture, "_PAGES", (*picture._PAGES[:2], "no_such_library"))
     assert 'pip install "meshmash-viewer[html]"' in picture.missing_pages()
-    with raises("package-missing", "trame"):
+    with raises("package-missing", "no_such_library"):
         picture.write_scene(mesh_to_poly(shapes.icosphere(0)), tmp_path / "ball.html")
 
 
