@@ -172,8 +172,11 @@ def read_mesh(
     """
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
     if not isinstance(path, (str, PathLike)):
-        fault = f"read_mesh reads a file, not an object of type {type(path).__name__}"
-        raise InputError("wrong-type", fault, "give its path; other functions take meshes")
+        raise InputError(
+            "wrong-type",
+            f"read_mesh reads a file, not an object of type {type(path).__name__}",
+            "give its path; other functions take meshes",
+        )
     link, ending = _linked(path, segment, lod), LINK_ENDING
     if link is None:
         path = Path(path)
