@@ -876,7 +876,7 @@ def test_a_session_comes_back(
     assert other.document.display.limits == LockedLimits(-2.0, 3.0)
     assert other.document.display.nodal_lines
     assert other.document.solve.target == Target("count", 30)
-    assert other.scene.camera() == camera
+    qtbot.waitUntil(lambda: other.scene.camera() == camera, timeout=PATIENCE)
     assert other.document.spectrum is not None, "its eigenpairs come from the store"
     other.close()
 
