@@ -65,13 +65,19 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         second_repairs=list(second.repairs) if second is not None else [],
         second_part="" if other is None else _packed(other, other.referenced),
         links=sorted(pair.links) if pair is not None else [],
-        match={} if pair is None else {**pair.match, "pinned": _pinned(pair.second)},
+        match={} if pair is None else {**pair.match, **_pinned(pair.second)},
     )
 
 
-def _pinned(document: Document) -> list[list[int]]:
+def _pinned(document: Document) -> dict[str, Any]:
     mesh, pins = document.mesh, document.pins.placed
-    return [] if mesh is None else [[pin.number, mesh.file_index(pin.vertex)] for pin in pins]
+    if mesh is None:
+        return {}
+    return {
+        "pinned": [[pin.number, mesh.file_index(pin.vertex)] for pin in pins],
+        "pin_names": [pin.name for pin in pins],
+        "pin_colors": [pin.own_color for pin in pins],
+    }
 
 
 def _packed(mesh: Mesh, mask: Mask | None) -> str:
@@ -243,7 +249,9 @@ class Restoration:
         session = self.session
         if not session.second_path:
             return None
-        pinned = session.match.get("pinned", [])
+        match = session.match
+        pinned = match.get("pinned", [])
+        # in older sessions, pins of equal number have the name and colour of the first mesh's
         known = (session.pin_numbers, session.pin_names, session.pin_colors)
         about = {number: each for number, *each in zip(*known, strict=False)}
         named = [about.get(number, ["", ""]) for number, _ in pinned]
@@ -258,10 +266,10 @@ class Restoration:
             operator=session.operator,
             pins=[at for _, at in pinned],
             pin_numbers=[number for number, _ in pinned],
-            pin_names=[name for name, _ in named],
-            pin_colors=[color for _, color in named],
+            pin_names=match.get("pin_names", [name for name, _ in named]),
+            pin_colors=match.get("pin_colors", [color for _, color in named]),
             links=session.links,
-            match=session.match,
+            match=match,
         )
 
     def _warn(self, text: str) -> None:

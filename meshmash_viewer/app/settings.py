@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import shutil
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -246,13 +246,8 @@ class LastSession(QObject):
         A copy can be opened like any session.
         """
         self.save()
-        self._slot.wait()
         session = self.path(mesh_path)
-        if session.exists():
-            copy = f"{_key(session)}-{time.time_ns():x}{SESSION_ENDING}"
-            shutil.copyfile(session, session.with_name(copy))
-            for old in _states(session)[:-_STATES]:
-                old.unlink(missing_ok=True)
+        self._slot.submit(lambda _: _copy_state(session), self._say_failed, queued=True)
 
     def restore_maps(self, document: Document, session: Path, names: Sequence[str]) -> int:
         """Add the maps in files next to a session to a document; return the number of maps."""
@@ -341,8 +336,7 @@ class LastSession(QObject):
             for name, each in maps.items():
                 write_kept_maps(self._folder / name, each)
             write_session(path, session)
-            kept = [read_session(state).kept_maps for state in _states(path)]
-            _delete_maps(path, [*session.kept_maps, *chain.from_iterable(kept)])
+            _delete_maps(path, session.kept_maps)
             self._delete_oldest()
         except (InputError, OSError) as fault:
             return str(fault)
@@ -380,10 +374,29 @@ def _is_same(one: VertexMap, other: VertexMap) -> bool:
 
 
 def _delete_maps(session: Path, but: Sequence[str] = ()) -> None:
-    """Delete the map files of a session, except the files named in `but`."""
-    for file in session.parent.glob(f"{_key(session)}.*{KEPT_MAPS_ENDING}"):
-        if file.name not in but:
-            file.unlink(missing_ok=True)
+    """Delete the map files of a session, except those named in `but` or in an earlier state."""
+    files = session.parent.glob(f"{_key(session)}.*{KEPT_MAPS_ENDING}")
+    if stale := [file for file in files if file.name not in but]:
+        kept = set[str]()
+        for state in _states(session):
+            with contextlib.suppress(InputError):  # an unreadable state needs no maps
+                kept |= set(read_session(state).kept_maps)
+        for file in stale:
+            if file.name not in kept:
+                file.unlink(missing_ok=True)
+
+
+def _copy_state(session: Path) -> str:
+    """Copy a session, and delete older copies; return a description of a fault, or ""."""
+    try:
+        if session.exists():
+            copy = f"{_key(session)}-{time.time_ns():x}{SESSION_ENDING}"
+            shutil.copyfile(session, session.with_name(copy))
+            for old in _states(session)[:-_STATES]:
+                old.unlink(missing_ok=True)
+    except OSError as fault:
+        return str(fault)
+    return ""
 
 
 def _states(session: Path) -> list[Path]:

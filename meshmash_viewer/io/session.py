@@ -76,7 +76,8 @@ _CAMERA = {
     "focus": _Vector, "axes": Annotated[list[_Vector], Meta(min_length=3, max_length=3)],
     "half_size": Annotated[float, Meta(ge=1e-30, le=1e30)], "fitted": bool,
 }  # fmt: skip
-_MATCH = {"feature": Text, "refined": bool, "carried": bool, "pinned": list[_Pair]}
+_MATCH = {"feature": Text, "refined": bool, "carried": bool, "pinned": list[_Pair],
+          "pin_names": list[Text], "pin_colors": list[_Color]}  # fmt: skip
 _POINTS = {
     "path": Text, "hash": Text, "unit": _Unit, "position": Text, "column": Text,
     "size": Annotated[int, Meta(ge=1, le=100)], "max_distance": NotNegative,
@@ -147,7 +148,8 @@ class Session(Parameters):
     #: Names of the active links between the views of the two meshes.
     links: list[str] = parameter(list, list[Text])
     #: Settings of the matching of vertices: the feature, whether the match is refined, whether
-    #: colours are transferred, and pairs of a pin number and its vertex on the second mesh.
+    #: colours are transferred, and pairs of a pin number and its vertex on the second mesh, with
+    #: the names and colours of these pins, which older sessions lack.
     match: dict[str, Any] = parameter(dict, record(_MATCH))
 
 

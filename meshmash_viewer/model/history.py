@@ -168,6 +168,8 @@ class History:
             and now - last.when < _ONE_GESTURE
         ):
             window.past = (*window.past[:-1], replace(last, when=when))
+            if not window.future:  # at every tick of a slider
+                return
         else:
             window.past = (*window.past, Step(label, state, when))[-_MAX_STEPS:]
         window.future_before, window.future = window.future, ()

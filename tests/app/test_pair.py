@@ -1008,6 +1008,9 @@ def test_a_session_and_a_script_have_both(
     opened.pair.carry(True)
     made = mv.VertexMap("carried", np.arange(opened.document.mesh.n_vertices), unit="mm")
     opened.document.maps.add(opened.document.mesh, [made])
+    opened.document.pins.toggle(5)  # of the second mesh alone
+    opened.document.pins.change("name of a pin", 5, name="apex", own_color="#123456")
+    pins = opened.document.pins.placed
     rest(window)
     path = tmp_path / "both.meshmash.json"
     window.opening.store_session(path)
@@ -1022,6 +1025,7 @@ def test_a_session_and_a_script_have_both(
     again = window.opening.second_view
     assert again.document.path == folder / "other.npz"
     assert again.pair.links == {"camera", "kind", "colors"}
+    assert again.document.pins.placed == pins
     (kept,) = (each for each in again.document.mesh.maps if each.name.startswith("carried"))
     assert (kept.name, kept.unit, kept.values.tolist()) == ("carried", "mm", made.values.tolist())
     assert again.pair.matched_in == name
