@@ -143,7 +143,9 @@ class SpectrumPanel(PlotPanel):
 
     def _describe(self) -> None:
         self.legend.setText(self.view.legend())
-        self.remark.setText(self._eigenvalues.remark() if self._shown == "eigenvalues" else "")
+        remark = self._eigenvalues.remark() if self._shown == "eigenvalues" else ""
+        if remark != self.remark.text:  # unlike QLabel, it would paint the plot again
+            self.remark.setText(remark)
         self._read(None)
         self.head.fit()
 
