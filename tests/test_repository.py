@@ -88,8 +88,6 @@ _POSIX = {
     "signal": {"SIGALRM", "SIGHUP", "SIGKILL", "SIGPROF", "SIGUSR1", "setitimer"},
 }
 _POSIX_MODULES = {"fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"}
-#: Files imported only by tests that are skipped outside Linux.
-_OF_LINUX = {"tests/fuzz/trials.py"}
 
 
 def at_import(node: ast.AST) -> Iterator[ast.AST]:
@@ -132,7 +130,6 @@ def test_test_files_can_be_imported_on_windows(trees: dict[str, ast.Module]) -> 
     found = [
         f"{path}:{node.lineno}: {name}"
         for path, tree in trees.items()
-        if path not in _OF_LINUX
         for node in at_import(tree)
         if (name := posix_only(node))
     ]
