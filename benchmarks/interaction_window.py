@@ -43,7 +43,7 @@ from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.export import Export
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import subscript
 
@@ -297,13 +297,10 @@ class Session:
         self.phase("export of features")
         from meshmash_viewer.fields import EXPORTS
 
-        self.document.work.request(
-            ExportJob(
-                self.document.mesh, self.document.spectrum.operator or self.document.solve.operator,
-                self.folder / "hks.npz", EXPORTS["hks"].exported(8),
-                len(self.document.spectrum),
-            )
-        )  # fmt: skip
+        spectrum, path = self.document.spectrum, self.folder / "hks.npz"
+        operator, family = spectrum.operator or self.document.solve.operator, EXPORTS["hks"]
+        export = Export(self.document.mesh, operator, path, family.exported(8), len(spectrum))
+        self.document.work.write(path, export)
         yield 0.1
         yield lambda: self.document.work.job is None
         self.phase("picture")

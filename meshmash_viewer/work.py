@@ -20,9 +20,8 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from enum import Enum, auto
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar, cast
 
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.engine.compiler import limit_accelerate
@@ -347,7 +346,7 @@ class Channel(Protocol):
 class JobResult:
     """The result of a job, sent to the window."""
 
-    #: Passed to the function that the requester of the job has given.
+    #: Passed to the function `accept` of the job.
     content: Any = None
     #: Sentences for the message bar, or "".
     remark: str = ""
@@ -355,31 +354,3 @@ class JobResult:
     warns: bool = True
     #: The file that was written.
     path: Path | None = None
-
-
-class Queueing(Enum):
-    """How a job queues while another runs; a job of the running kind replaces the running one."""
-
-    #: The running job is cancelled, and this one is next.
-    REPLACE = auto()
-    #: This job waits; it is completed before other jobs start.
-    COMPLETE = auto()
-    #: This job ends within seconds: it waits, only the newest of its kind.
-    BRIEF = auto()
-    #: This job waits for a brief one, only the newest of its kind; otherwise it is refused.
-    ALONE = auto()
-
-
-class Job:
-    """Base of long work: subclasses are frozen and picklable."""
-
-    queueing: ClassVar[Queueing] = Queueing.REPLACE
-
-    @property
-    def label(self) -> str:
-        """Label next to the progress bar: "Decomposing bunny"."""
-        raise NotImplementedError
-
-    def run(self, channel: Channel) -> JobResult:
-        """Do the work in this process."""
-        raise NotImplementedError

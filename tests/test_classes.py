@@ -17,7 +17,7 @@ import meshmash_viewer as mv
 from meshmash_viewer.learn import Classifier
 from meshmash_viewer.learn.classes import ClassModel
 from meshmash_viewer.learn.columns import diffused
-from meshmash_viewer.model.classes import ClassesJob, ClassOptions
+from meshmash_viewer.model.classes import ClassOptions, classify
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.samples import labels_path, sample_path
 
@@ -346,9 +346,9 @@ def test_the_window_gets_no_probabilities_of_a_whole_parcellation(
     names = tuple(mv.Label(key, f"part {key}", "#4477aa") for key in range(1, n_classes + 1))
     pairs = mv.solve(*mv.cotangent_laplacian(blob, robust=True), 20)
     options = ClassOptions(kinds=("hks",), classifier="logistic")
-    job = ClassesJob(blob, mv.VertexMap("parts", parts, labels=names), pairs, options)
+    labels = mv.VertexMap("parts", parts, labels=names)
     channel: Any = SimpleNamespace(report=lambda _: None, cancelled=lambda: False)
-    maps, _ = job.run(channel).content
+    maps, _ = classify(blob, labels, pairs, options, False, channel).content
     assert (maps[0].name, maps[-1].name, len(maps)) == ("class", "uncertainty", n_maps)
     if n_maps > 2:
         largest = np.max([each.values for each in maps[1:-1]], axis=0)

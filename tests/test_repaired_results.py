@@ -26,9 +26,9 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.export import Export
 from meshmash_viewer.model.field import request_of
-from meshmash_viewer.model.jobs import ReadJob, RepairJob
+from meshmash_viewer.model.jobs import prepare
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
@@ -140,8 +140,8 @@ def test_pieces_eigenpairs_and_matches_come_to_the_whole_mesh(path: Path, tmp_pa
 @pytest.fixture
 def document(path: Path, tmp_path: Path) -> Document:
     document, listener = Document(), Listener(tmp_path)
-    document.accept_mesh(ReadJob(path).run(listener).content)
-    document.accept_mesh(RepairJob(document.mesh, LARGEST, path).run(listener).content)
+    document.accept_mesh(prepare(path, listener).content)
+    document.accept_mesh(prepare(document.mesh, listener, path=path, repairs=(LARGEST,)).content)
     spectrum = spectrum_of(document.mesh, 20)
     document.accept_spectrum(replace(spectrum, operator=OperatorOptions()))
     return document
@@ -182,8 +182,8 @@ def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
     numbers = mv.read_mesh(path)
     for family, n in ((EXPORTS["hks"].exported(3), 3), (EXPORTS["eigenpairs"].exported(), 12)):
         out = tmp_path / "out.npz"
-        job = ExportJob(mesh, operator, out, family, 12, repairs=(LARGEST,), file_mesh=numbers)
-        remark = job.run(listener).remark
+        job = Export(mesh, operator, out, family, 12, repairs=(LARGEST,), file_mesh=numbers)
+        remark = job(listener).remark
         assert "at all 206 vertices of the mesh file, written to" in remark
         assert remark.endswith("Repaired before: Keep the largest component.")
         with np.load(out) as archive:
@@ -207,22 +207,22 @@ def test_repairs_are_made_again_on_the_numbers_that_they_were_made_on(
     path: Path, tmp_path: Path
 ) -> None:
     listener = Listener(tmp_path)
-    first = ReadJob(path, "8 nm").run(listener).content
+    first = prepare(path, listener, unit="8 nm").content
     for unit in ("", "mm", "8 nm", "4 x 4 x 40 nm"):
-        result = ReadJob(path, unit, repairs=(DROP, LARGEST), source=first.source).run(listener)
+        result = prepare(path, listener, unit=unit, repairs=(DROP, LARGEST), hashed=first.source)
         again = result.content
         assert (again.repairs, again.unasked, result.remark) == ((DROP, LARGEST), True, "")
         assert [mesh.n_vertices for mesh in (*again.before, again.mesh)] == [206, 204, 162]
         assert again.mesh.voxel == again.before[0].voxel
         assert again.mesh.file_index(0) == 44
     save(mv.Mesh(first.mesh.vertices * 1.01, first.mesh.faces), path)
-    result = ReadJob(path, "8 nm", repairs=(DROP, LARGEST), source=first.source).run(listener)
+    result = prepare(path, listener, unit="8 nm", repairs=(DROP, LARGEST), hashed=first.source)
     changed = result.content
     assert (changed.repairs, changed.before, changed.unasked) == ((), (), False)
     assert result.remark.startswith("balls.npz has changed since it was repaired")
     assert "Drop unreferenced vertices, Keep the largest component" in result.remark
     assert changed.mesh.n_vertices == 206
-    result = ReadJob(path, repairs=(LARGEST, "polish", DROP)).run(listener)  # from a session
+    result = prepare(path, listener, repairs=(LARGEST, "polish", DROP))  # from a session
     asked = result.content
     assert (asked.repairs, asked.unasked, asked.mesh.n_vertices) == ((LARGEST,), False, 162)
     assert result.remark.startswith("polish was not made again. There is no repair 'polish'")

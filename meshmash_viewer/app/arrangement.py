@@ -24,7 +24,7 @@ from meshmash_viewer.app.controls.make import row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.jobs import Task
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.pins import pin_at
 from meshmash_viewer.spectral.cost import written_duration
 from meshmash_viewer.units import NO_BREAK, counted, format_number
@@ -284,17 +284,17 @@ class HoverLabel(QLabel):
 _STEPS = 1000
 
 
-def progress_text(state: Task) -> str:
+def progress_text(state: Job) -> str:
     """Return the stage of a job and its remaining time."""
     progress = state.progress
     what = "Stopping" if state.cancelling else progress.message or progress.stage
-    parts = [what[:1].upper() + what[1:] if what else state.job.label]
+    parts = [what[:1].upper() + what[1:] if what else state.label]
     if progress.remaining is not None and not state.cancelling:
         parts.append(f"{written_duration(progress.remaining)} left")
     return " · ".join(parts)
 
 
-def show_progress(bar: QProgressBar, state: Task) -> None:
+def show_progress(bar: QProgressBar, state: Job) -> None:
     """Show the completed fraction of a job; the bar's maximum is 0 if the fraction is unknown."""
     fraction = state.progress.fraction
     bar.setMaximum(0 if fraction is None else _STEPS)

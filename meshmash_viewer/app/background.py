@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,15 +14,14 @@ from meshmash_viewer.app.executor import Slot
 from meshmash_viewer.app.listening import listen, receive, stop_listening
 from meshmash_viewer.app.view.camera import geometry_of
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import Task
+from meshmash_viewer.model.jobs import Job, Queueing
 from meshmash_viewer.model.notices import Failure, Notice, Severity, failure_of, notice_of
 from meshmash_viewer.model.open_mesh import MeshReady
-from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.worker import Worker
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import VertexMap
-from meshmash_viewer.work import JobResult, Queueing
+from meshmash_viewer.work import JobResult
 
 Result = TypeVar("Result")
 
@@ -137,17 +135,17 @@ def saved_notice(
     return Notice(text, severity, action=show_folder, button=SHOW_IN_FOLDER, brief=True)
 
 
-class Tasks(QObject):
-    """Queue that runs the jobs of a document, one at a time, as each says (`Job.queueing`)."""
+class Jobs(QObject):
+    """Queue of the jobs of a document, which runs one at a time in a process of its own."""
 
     _received = Signal(str, object)
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._document = document
-        #: The running job.
-        self.task: Task | None = None
-        self._queue: list[Task] = []
+        #: The running job, and those that wait.
+        self.running: Job | None = None
+        self._waiting: list[Job] = []
         self._received.connect(self._take, Qt.ConnectionType.QueuedConnection)
         self.worker = Worker(self._prepare)
         receive(document.work.requested, self.run)
@@ -163,33 +161,17 @@ class Tasks(QObject):
     def _take(self, kind: str, content: Any) -> None:
         getattr(self, f"_on_{kind}")(content)
 
-    def run(self, task: Task) -> None:
-        """Run a job now, or add it to the queue."""
-        running = self.task
+    def run(self, job: Job) -> None:
+        """Run a job now, or after others, and cancel those that it replaces."""
+        running = self.running
+        self._drop(job.replaces)
+        self._waiting.append(job)
         if running is None:
-            self._queue.append(task)
-            if len(self._queue) == 1:  # otherwise the next job is about to be started
-                self._start_next()
-            return
-        new, now = task.job.queueing, running.job.queueing
-        same = type(task.job) is type(running.job)
-        complete, brief, alone = Queueing.COMPLETE, Queueing.BRIEF, Queueing.ALONE
-        if not same and (new is brief or (new is alone and now is brief)):
-            self._drop(lambda waiting: type(waiting.job) is type(task.job))
-            self._queue.append(task)
-        elif complete in (new, now):
-            self._queue.append(task)
-            self._document.notices.say(f"{task.job.label} waits for: {running.job.label}.")
-        elif new is alone and not same:
-            text = f"{running.job.label} is not done yet: compute when it is."
-            self._document.notices.show(
-                Notice(text, Severity.WARNING, holds=lambda: self.task is running)
-            )
-            task.then(task)
-        else:
-            self._drop(lambda waiting: waiting.job.queueing is not complete)
-            self._queue.insert(0, task)
+            self._start_next()
+        elif job.replaces(running):
             self.worker.cancel()
+        elif Queueing.COMPLETE in (job.queueing, running.queueing):
+            self._document.notices.say(f"{job.label} waits for: {running.label}.")
 
     def cancel(self) -> None:
         """Cancel the running job, and drop the waiting jobs."""
@@ -199,24 +181,25 @@ class Tasks(QObject):
     def close(self) -> None:
         """Stop all jobs, end their processes and delete their temporary files."""
         stop_listening(self)
-        self._queue.clear()
+        self._waiting.clear()
         self.worker.close()
 
-    def _drop(self, is_dropped: Callable[[Task], bool]) -> None:
+    def _drop(self, is_dropped: Callable[[Job], bool]) -> None:
         """Drop waiting jobs."""
-        dropped = [task for task in self._queue if is_dropped(task)]
-        self._queue = [task for task in self._queue if task not in dropped]
-        for task in dropped:
-            task.then(task)
+        dropped = [job for job in self._waiting if is_dropped(job)]
+        self._waiting = [job for job in self._waiting if job not in dropped]
+        for job in dropped:
+            job.then(job)
 
     def _start_next(self) -> None:
-        if self._queue and self.task is None:
-            self.task = self._queue.pop(0)
-            self._document.work.started(self.task)
-            self.worker.submit(self.task.job)
+        self._drop(lambda job: not job.needed())
+        if self._waiting and self.running is None:
+            self.running = self._waiting.pop(0)
+            self._document.work.started(self.running)
+            self.worker.submit(self.running)
 
     def _end(self, notice: Notice | None = None, whole: bool = False) -> None:
-        self.task = None
+        self.running = None
         self._document.maps.end_growing(whole)
         self._document.work.ended()
         if notice is not None:
@@ -225,20 +208,20 @@ class Tasks(QObject):
 
     def _on_mesh_changed(self) -> None:
         """Cancel the job if its mesh is no longer displayed, for example after an undo."""
-        if self.task is not None and not self.task.needed():
+        if self.running is not None and not self.running.needed():
             self.worker.cancel()
 
     def _on_progressed(self, progress: Progress) -> None:
         self._document.work.progressed(progress)
 
     def _on_sent(self, part: object) -> None:
-        if self.task is not None and self.task.needed():
-            self.task.receive(part)
+        if self.running is not None and self.running.needed():
+            self.running.receive(part)
 
     def _on_finished(self, result: JobResult) -> None:
-        assert self.task is not None
+        assert self.running is not None
         try:
-            self.task.take(result.content)
+            self.running.take(result.content)
         except Exception:
             self._end()  # the job has ended, although a listener has failed
             raise
@@ -249,18 +232,11 @@ class Tasks(QObject):
             self._end(Notice(result.remark, severity) if result.remark else None)
 
     def _on_failed(self, failure: Failure) -> None:
-        task = self.task
-        lost = "" if task is None else task.lost()
-        notice = notice_of(replace(failure, text=failure.text + lost))
-        if task is not None and isinstance(task.job, PiecesJob) and failure.code == "seams-differ":
-            again = task.again(replace(task.job, accept_seams=True))
-            repeat = partial(self._document.work.requested.emit, again)
-            notice = replace(notice, action=repeat, button="Accept the seams")
-        self._end(notice)
+        assert self.running is not None
+        self._end(self.running.failed(failure))
 
     def _on_cancelled(self, _: None) -> None:
-        task = self.task
-        if self._queue or task is None:  # another job replaces this one
-            self._end()
-        else:
-            self._end(Notice(task.cancelled() or f"Cancelled: {task.job.label}."))
+        job = self.running
+        assert job is not None
+        replaced = any(other.replaces(job) for other in self._waiting)
+        self._end(None if replaced else Notice(job.cancelled() or f"Cancelled: {job.label}."))

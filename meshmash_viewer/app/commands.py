@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +23,8 @@ from meshmash_viewer.app.view.camera import DIRECTIONS, view_label
 from meshmash_viewer.fields.table import FAR
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import request_of, step
-from meshmash_viewer.model.notices import Severity
+from meshmash_viewer.model.jobs import Job
+from meshmash_viewer.model.notices import Failure, Notice, Severity, notice_of
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral import cost
 from meshmash_viewer.vertex_map import VertexMap
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.point_tool import PointTool
     from meshmash_viewer.app.select_tool import SelectTool
-    from meshmash_viewer.model.pieces import PiecesJob
+    from meshmash_viewer.model.pieces import Pieces
 
 #: Checkable commands that set the attribute of the display of the same name.
 _SHOWN = ("nodal_lines", "label_borders", "label_graph", "hide_small")
@@ -195,25 +197,39 @@ class Commands:
         ask(dialog, lambda: self._start_export(document, dialog))
 
     def _start_export(self, document: Document, dialog: ExportDialog) -> None:
-        job = dialog.job()
+        export = dialog.export()
         self._export_ending = dialog.format.ending
-        self._settings.folder = job.path.parent
-        if job.family is not None and document is self._document:
-            self._exported = Exported(job.mesh.content_hash, job.family, job.n_pairs, job.maps)
-        document.work.request(job)
+        self._settings.folder = export.path.parent
+        if export.family is not None and document is self._document:
+            mesh, family = export.mesh.content_hash, export.family
+            self._exported = Exported(mesh, family, export.n_pairs, export.maps)
+        document.work.write(export.path, export)
 
     def compute_in_pieces(self) -> None:
         from meshmash_viewer.app.dialogs.export_dialog import PiecesDialog
 
         dialog = PiecesDialog(self._document, self._settings.folder, self._window)
-        ask(dialog, lambda: self._compute_pieces(dialog.job()))
+        ask(dialog, lambda: self._compute_pieces(dialog.pieces()))
 
-    def _compute_pieces(self, job: PiecesJob) -> None:
-        document = self._document
+    def _compute_pieces(self, pieces: Pieces) -> None:
+        document, mesh = self._document, pieces.mesh
+
+        def fail(failure: Failure) -> Notice:
+            notice = notice_of(failure)
+            if failure.code != "seams-differ":
+                return notice
+            again = partial(self._compute_pieces, replace(pieces, accept_seams=True))
+            return replace(notice, action=again, button="Accept the seams")
+
         document.work.request(
-            job,
-            receive=partial(document.maps.grow, job.mesh),
-            needed=partial(document.is_shown, job.mesh),
+            Job(
+                "Computing",
+                f"{mesh.name or 'the mesh'} in pieces",
+                pieces,
+                receive=partial(document.maps.grow, mesh),
+                needed=partial(document.is_shown, mesh),
+                failed=fail,
+            )
         )
 
     def save_shape(self, path: Path) -> None:

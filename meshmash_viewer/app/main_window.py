@@ -32,7 +32,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.arrangement import Arrangement, HoverLabel, StatusProgress
-from meshmash_viewer.app.background import BackgroundIO, Tasks
+from meshmash_viewer.app.background import BackgroundIO, Jobs
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls.field_events import FieldWheel, FocusKeys
 from meshmash_viewer.app.executor import shutdown
@@ -110,7 +110,7 @@ class MainWindow(ScriptedWindow):
         for dock in self.arrangement.docks.values():
             self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
         self._build_status_bar()
-        self.tasks = Tasks(self.document, self)
+        self.jobs = Jobs(self.document, self)
         self.background_io = BackgroundIO(self.document, self)
         self.opening = Opening(self, self.document, self.settings, self.stage)
         self.opening.pair_changed.connect(self._on_pair_changed)
@@ -350,7 +350,7 @@ class MainWindow(ScriptedWindow):
         if state is None and self.document.solve.seconds_rate is not None:
             self.settings.seconds_rate = self.document.solve.seconds_rate
         if self.document.mesh is None:  # otherwise the render replaces the welcome page soon
-            self.stage.welcome.set_reading("" if state is None else f"{state.job.label} …")
+            self.stage.welcome.set_reading("" if state is None else f"{state.label} …")
 
     def _refresh_actions(self) -> None:
         self.commands.refresh()
@@ -457,7 +457,7 @@ class MainWindow(ScriptedWindow):
             theme.notifier().changed.disconnect(self._on_theme_changed)
             self._focus_keys.stop()
             self.commands.pictures.close()
-            self.tasks.close()
+            self.jobs.close()
             shutdown(self)
             if self.loaded:
                 self.scene.close()

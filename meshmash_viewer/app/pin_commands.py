@@ -166,7 +166,7 @@ class PinCommands:
 
     def _start_export(self, dialog: PinExportDialog) -> None:
         self._settings.folder = dialog.path.parent
-        self._document.work.request(dialog.job())
+        self._document.work.write(dialog.path, dialog.export())
 
     def fly_to(self, vertex: int) -> None:
         """Move the camera so that a vertex is in the middle of the render."""

@@ -11,7 +11,7 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, Tasks
+from meshmash_viewer.app.background import SHOW_IN_FOLDER, BackgroundIO, Jobs
 from meshmash_viewer.app.controller import Controller
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import column
@@ -47,7 +47,7 @@ class SecondView(QWidget):
         self.document.solve.seconds_rate = document.solve.seconds_rate
         self.scene = MeshView(self.document)
         theme.named(self.scene, "second_scene", "Render of the second mesh")
-        self.tasks = Tasks(self.document, self)
+        self.jobs = Jobs(self.document, self)
         self.background_io = BackgroundIO(self.document, self)
         self.controller = Controller(self.document, self.scene, self)
         self.pair = Pair(document, self.document)
@@ -110,7 +110,7 @@ class SecondView(QWidget):
         self._first.draw()
         self.pair.close()
         self._first_scene.camera_changed.disconnect(self._turn_second)
-        self.tasks.close()
+        self.jobs.close()
         shutdown(self)
         self.scene.close()
 
@@ -146,7 +146,7 @@ class SecondView(QWidget):
         text = ""
         if job is not None:
             share = job.progress.fraction
-            text = job.job.label + ("" if share is None else f" · {format_share(round(share, 2))}")
+            text = job.label + ("" if share is None else f" · {format_share(round(share, 2))}")
         elif self.pair.comparing:
             text = "comparing …"
         elif first is None or not first.complete:

@@ -17,7 +17,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import read_saved_classes
 from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import Task
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.notices import Severity
 from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.model.pins import Pin, free_number
@@ -160,10 +160,10 @@ class Restoration:
         """Restore nothing more."""
         self._stopped = True
 
-    def _advance(self, task: Task) -> None:
+    def _advance(self, job: Job) -> None:
         """Restore the state of the document once the mesh has been read and repaired."""
         document = self._document
-        if task.succeeded and not self._stopped:
+        if job.succeeded and not self._stopped:
             with document.history.paused():
                 document.solve.operator = self.session.operator
                 if self.session.target is not None:

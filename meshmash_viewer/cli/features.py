@@ -36,7 +36,7 @@ from meshmash_viewer.health import median_edge_length
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import maps_alone, write_results
-from meshmash_viewer.model.pieces import PiecesJob, described_seams
+from meshmash_viewer.model.pieces import Pieces, described_seams
 from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
@@ -96,7 +96,7 @@ def _check_combination(options: Namespace) -> None:
 def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:
     mesh = prepared(raw, options)
     _check_room(mesh, family)
-    job = PiecesJob(
+    job = Pieces(
         mesh,
         path,
         family,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 import msgspec
@@ -18,15 +18,16 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.parameter import Name, NotNegative, Text, checked_entry
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.learn import Classifier, ColumnKind
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.history import History
-from meshmash_viewer.model.jobs import MeshJob, Task, Work, heard_warnings
+from meshmash_viewer.model.jobs import Job, Queueing, Work, heard_warnings
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.vertex_map import VertexMap
-from meshmash_viewer.work import Channel, JobResult, Queueing
+from meshmash_viewer.work import Channel, JobResult
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features
@@ -75,56 +76,51 @@ def read_saved_classes(content: object, path: Path) -> SavedClasses:
     return saved
 
 
-@dataclass(frozen=True, eq=False)
-class ClassesJob(MeshJob):
-    """Job that trains on a label set and predicts all vertices.
+def classify(
+    mesh: Mesh,
+    labels: VertexMap,
+    pairs: Eigenpairs,
+    options: ClassOptions,
+    live: bool,
+    channel: Channel,
+) -> JobResult:
+    """Train on a label set and predict all vertices.
 
-    The content is the maps and their `Learned`, which without maps has the reason.
-    `live` is True if a change of the labels requested the job, not the user.
+    The content is the maps and their `Learned`, which without maps has the reason. `live` is True
+    if a change of the labels is the reason, not a request of the user.
     """
+    from meshmash_viewer.learn.classes import predict_classes, train_classes
+    from meshmash_viewer.learn.columns import ClassColumns
 
-    labels: VertexMap
-    pairs: Eigenpairs
-    options: ClassOptions
-    live: bool = False
-
-    doing: ClassVar[str] = "Classifying"
-    queueing = Queueing.BRIEF
-
-    def run(self, channel: Channel) -> JobResult:
-        from meshmash_viewer.learn.classes import predict_classes, train_classes
-        from meshmash_viewer.learn.columns import ClassColumns
-
-        options, exact = self.options, self.pairs.exact
-        exact = replace(exact, rows=exact.rows[: exact.n_components])  # without preview rows
-        callbacks: Any = {"progress": channel.report, "cancel": channel.cancelled}
-        # cross-validation with smoothing takes too long after each stroke
-        scored = not (self.live and options.smoothing)
-        try:
-            with heard_warnings() as heard:
-                columns = ClassColumns.chosen(
-                    self.mesh, exact, kinds=options.kinds,
-                    operator=exact.operator or OperatorOptions(),
-                )  # fmt: skip
-                key = self.mesh.content_hash, columns
-                if key not in _last:
-                    computed = columns.compute(self.mesh, exact, **callbacks)
-                    _last.clear()
-                    _last[key] = computed
-                callbacks["features"] = _last[key]
-                model = train_classes(
-                    self.mesh, self.labels, columns, options.classifier,
-                    smoothing=options.smoothing, scored=scored, **callbacks,
-                )  # fmt: skip
-                found = predict_classes(self.mesh, model, **callbacks)
-        except InputError as fault:
-            return JobResult(((), Learned(str(fault))))
-        few = len(found.probabilities) <= _MOST_PROBABILITIES
-        numbers = (*(found.probabilities if few else ()), found.uncertainty)
-        smaller = (replace(each, values=each.values.astype(np.float32)) for each in numbers)
-        said = _described(model) if scored else "Press Classify for scores."
-        learned = Learned(" ".join([said, *heard]), self.labels.name)
-        return JobResult(((found.labels, *smaller), learned))
+    exact = pairs.exact
+    exact = replace(exact, rows=exact.rows[: exact.n_components])  # without preview rows
+    callbacks: Any = {"progress": channel.report, "cancel": channel.cancelled}
+    # cross-validation with smoothing takes too long after each stroke
+    scored = not (live and options.smoothing)
+    try:
+        with heard_warnings() as heard:
+            columns = ClassColumns.chosen(
+                mesh, exact, kinds=options.kinds, operator=exact.operator or OperatorOptions()
+            )
+            key = mesh.content_hash, columns
+            if key not in _last:
+                computed = columns.compute(mesh, exact, **callbacks)
+                _last.clear()
+                _last[key] = computed
+            callbacks["features"] = _last[key]
+            model = train_classes(
+                mesh, labels, columns, options.classifier,
+                smoothing=options.smoothing, scored=scored, **callbacks,
+            )  # fmt: skip
+            found = predict_classes(mesh, model, **callbacks)
+    except InputError as fault:
+        return JobResult(((), Learned(str(fault))))
+    few = len(found.probabilities) <= _MOST_PROBABILITIES
+    numbers = (*(found.probabilities if few else ()), found.uncertainty)
+    smaller = (replace(each, values=each.values.astype(np.float32)) for each in numbers)
+    said = _described(model) if scored else "Press Classify for scores."
+    learned = Learned(" ".join([said, *heard]), labels.name)
+    return JobResult(((found.labels, *smaller), learned))
 
 
 #: Cache of the last computed columns, for repeated training after each brush stroke.
@@ -176,7 +172,7 @@ class Classes:
         self._awaiting: tuple[Learned, bool] | None = None
         #: Labels and options of the last request.
         self._requested: _Source | None = None
-        self._running: Task | None = None
+        self._running: Job | None = None
         #: Label set for which training failed, and the reason.
         self._refused: tuple[VertexMap, str] | None = None
         labels.source_of = self._source_of
@@ -301,23 +297,29 @@ class Classes:
             if name.startswith("uncertainty"):
                 self._maps.show(name)
 
-    def _accept(self, job: ClassesJob, found: tuple[Sequence[VertexMap], Learned]) -> None:
-        """Add the maps of a result, unless the job is live and the labels have changed since."""
-        if job.live and job.labels is not self._taught:
+    def _accept(
+        self,
+        labels: VertexMap,
+        options: ClassOptions,
+        live: bool,
+        found: tuple[Sequence[VertexMap], Learned],
+    ) -> None:
+        """Add the maps of a result, unless it is live and the labels have changed since."""
+        if live and labels is not self._taught:
             return
         maps, learned = found
         self._refused = self._awaiting = None
         if maps:
             own, displayed = self._own, self._maps.displayed
-            self._maps.exchange("" if job.live else "classes", own, maps)
+            self._maps.exchange("" if live else "classes", own, maps)
             predicted = self._labels.predicted
             assert predicted is not None
-            self._known[predicted] = learned, (job.labels, job.options)
-            if not job.live and displayed not in self._own:
+            self._known[predicted] = learned, (labels, options)
+            if not live and displayed not in self._own:
                 self._maps.show(predicted.name)
         else:
-            self._refused = job.labels, learned.said
-            if not job.live:
+            self._refused = labels, learned.said
+            if not live:
                 self._notices.say(learned.said, Severity.WARNING)
         self.changed.emit()
 
@@ -358,7 +360,13 @@ class Classes:
         assert spectrum is not None
         mesh = solved.mesh.with_only_maps()  # the worker needs no maps
         self._requested = labels, self._options
-        job = ClassesJob(mesh, labels, spectrum, self._options, live)
         self._running = self._work.request(
-            job, partial(self._accept, job), needed=partial(self._opened.is_solved, mesh)
+            Job(
+                "Classifying",
+                mesh.name,
+                partial(classify, mesh, labels, spectrum, self._options, live),
+                partial(self._accept, labels, self._options, live),
+                queueing=Queueing.NEWEST,
+                needed=partial(self._opened.is_solved, mesh),
+            )
         )

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.io.atomic import discard, make_room
-from meshmash_viewer.io.spectrum import obtain_eigenpairs, with_stored_errors
+from meshmash_viewer.io.spectrum import measure_errors, obtain_eigenpairs, with_stored_errors
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.open_mesh import MeshReady
@@ -19,7 +19,7 @@ from meshmash_viewer.spectral.alignment import Alignment, align
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.work import Channel
+from meshmash_viewer.work import Channel, JobResult
 
 #: Temporary folder for eigenpairs that cannot be written to the user's cache.
 SPARE = "eigenpairs"
@@ -28,13 +28,11 @@ SPARE = "eigenpairs"
 _GROWTH_SECONDS = 0.3
 
 
-def decompose(
-    mesh: Mesh, operator: OperatorOptions, target: Target, channel: Channel
-) -> tuple[Eigenpairs, str]:
-    """Compute and store the missing eigenpairs of a mesh, and return all requested eigenpairs.
+def decompose(mesh: Mesh, operator: OperatorOptions, target: Target, channel: Channel) -> JobResult:
+    """Compute and store the missing eigenpairs of a mesh; the content is all of the target.
 
-    Converging pairs are sent through the channel as `Eigenpairs`. The returned pairs include their
-    certificate; the returned text is a remark on the store, or "".
+    Converging pairs are sent through the channel as `Eigenpairs`. The content includes their
+    certificate.
 
     `InputError` is raised if the pairs do not fit into memory or on the disk, and `Cancelled` if
     the user cancelled; converged pairs stay in the store.
@@ -53,7 +51,22 @@ def decompose(
     except Cancelled:
         growth.send()
         raise
-    return growth.aligned(with_stored_errors(mesh, pairs, channel.folder / SPARE)), remark
+    pairs = with_stored_errors(mesh, pairs, channel.folder / SPARE)
+    return JobResult(growth.aligned(pairs), remark)
+
+
+def preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> JobResult:
+    """Approximate the first eigenfunctions; the content is a result of `open_preview`."""
+    return JobResult(open_preview(mesh, operator, channel))
+
+
+def measure_resolution(mesh: Mesh, pairs: Eigenpairs, channel: Channel) -> JobResult:
+    """Measure `Eigenpairs.mesh_errors` on a finer mesh; the content has shape (m,)."""
+    spare = channel.folder / SPARE
+    found = measure_errors(
+        mesh, pairs, spare=spare, progress=channel.report, cancel=channel.cancelled
+    )
+    return JobResult(found.mesh_errors[: found.n_measured])
 
 
 class _Growth:

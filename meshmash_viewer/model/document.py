@@ -15,23 +15,16 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import listed_repairs
+from meshmash_viewer.io.links import name_and_place
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import Classes
 from meshmash_viewer.model.display import Cut, Display, Shape
 from meshmash_viewer.model.history import History, Step
-from meshmash_viewer.model.jobs import (
-    InspectJob,
-    PartJob,
-    ReadJob,
-    RepairJob,
-    ScaleJob,
-    Task,
-    Work,
-)
+from meshmash_viewer.model.jobs import Job, Work, nothing, prepare, prepare_part
 from meshmash_viewer.model.labels import Labels
 from meshmash_viewer.model.maps import Maps
-from meshmash_viewer.model.notices import Notice, Notices
+from meshmash_viewer.model.notices import Failure, Notice, Notices, notice_of
 from meshmash_viewer.model.open_mesh import MeshReady, OpenMesh, Shown
 from meshmash_viewer.model.pins import Pins, followed_pins, same_vertex
 from meshmash_viewer.model.points import DocumentPoints
@@ -41,7 +34,7 @@ from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.surface.masks import Mask
-from meshmash_viewer.units import Voxel, counted
+from meshmash_viewer.units import counted
 
 #: Attributes of the display and of the solve recorded in the history, with their names in the menu.
 _RECORDED = {
@@ -72,10 +65,10 @@ class _Repaired:
 
 @dataclass(eq=False)
 class _Undoing:
-    """A pending undo of a step, the job for its mesh, and the number of requests."""
+    """A pending undo of a step, the repairs of its mesh, and the number of requests."""
 
     step: Step
-    job: ScaleJob
+    repairs: tuple[str, ...]
     times: int = 1
 
 
@@ -165,35 +158,57 @@ class Document(OpenMesh):
         repairs: Sequence[str] = (),
         source: str = "",
         target: Target | None = None,
-        then: Callable[[Task], object] = lambda _: None,
+        then: Callable[[Job], object] = nothing,
     ) -> None:
         """Request to read a mesh file; the open mesh stays until the file has been read.
 
         `operator` is the Laplacian whose stored eigenpairs are looked up, by default the current
         operator; `maps` are files of maps to add (`Maps.open`). `repairs` are applied in this
-        order; `source` is the hash of the content for which they were made, see `ReadJob`. `target`
+        order; `source` is the hash of the content for which they were made, see `prepare`. `target`
         is the part of the spectrum to show if it is stored; else the stored one used last is shown.
         `then` is called once the file is read, or is not going to be.
         """
         path = Path(path).absolute()  # for notices and scripts
         self.following = tuple(maps)
-        job = ReadJob(path, unit, operator or self.solve.operator, tuple(repairs), source, target)
         accept = partial(self._take_mesh, maps=tuple(maps))
-        self.work.request(job, accept, then=then, lost=self._not_opened)
+        self._prepare(
+            "Reading", path, accept, then, self._not_opened, repairs=tuple(repairs), unit=unit,
+            hashed=source, target=target, operator=operator or self.solve.operator,
+        )  # fmt: skip
 
-    def _not_opened(self) -> str:
+    def _prepare(
+        self,
+        doing: str,
+        source: Path | Mesh,
+        accept: Callable[[MeshReady], object] | None = None,
+        then: Callable[[Job], object] = nothing,
+        failed: Callable[[Failure], Notice] = notice_of,
+        **asked: Any,
+    ) -> None:
+        """Request a mesh in a file, or another form of the open mesh, see `prepare`."""
+        asked = {"operator": self.solve.operator, **asked}
+        if isinstance(source, Path):
+            name = name_and_place(source)[0]
+        else:
+            name, asked = source.name, {"path": self.path, "target": self.solve.target, **asked}
+        work = partial(prepare, source, **asked)
+        self.work.request(
+            Job(doing, name, work, accept or self._take_mesh, then=then, failed=failed)
+        )
+
+    def _not_opened(self, failure: Failure) -> Notice:
         names = ", ".join(path.name for path in self.following)
-        return f" Not opened either: {names}." if names else ""
+        text = f"{failure.text} Not opened either: {names}." if names else failure.text
+        return notice_of(replace(failure, text=text))
 
     def start_afresh(self) -> None:
         """Request to read the open file again, without what was made since, as one change."""
         if self.path is not None:
-            job = ReadJob(self.path, "", self.solve.operator)
-            self.work.request(job, partial(self._take_mesh, afresh=True))
+            self._prepare("Reading", self.path, partial(self._take_mesh, afresh=True))
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Request to show a mesh in memory."""
-        self.work.request(InspectJob(mesh, self.solve.operator), self._take_mesh)
+        self._prepare("Inspecting", mesh, path=None, target=None)
 
     def set_unit(self, text: str) -> None:
         """Set the unit of the coordinates, or the voxel size of coordinates in voxels.
@@ -215,25 +230,19 @@ class Document(OpenMesh):
             self._emit_all()
             self._announce_unit(before, "the coordinates keep their numbers")
         else:
-            job = self._scaling(self._settled().mesh, self.repairs, voxel, unit)
-            self.work.request(job, self._take_mesh)
+            self._prepare("Scaling", self._settled().mesh, earlier=self.repairs, unit=text)
 
     def repair(self, name: str, *, then_compute: bool = False) -> None:
         """Request a repair of `meshmash_viewer.health.REPAIRS`; `then_compute` solves after it."""
         if self.ready is not None:
-            ready, operator = self._settled(), self.solve.operator
-            job = RepairJob(
-                ready.mesh, name, ready.path, operator, ready.repairs, self.solve.target
-            )
-            if then_compute:
-                accept = partial(self._take_mesh, keeps_target=True)
-                self.work.request(job, accept, then=self._compute_after)
-            else:
-                self.work.request(job, self._take_mesh)
+            ready, then = self._settled(), self._compute_after if then_compute else nothing
+            accept = partial(self._take_mesh, keeps_target=then_compute)
+            known = ready.repairs
+            self._prepare("Repairing", ready.mesh, accept, then, earlier=known, repairs=(name,))
 
-    def _compute_after(self, task: Task) -> None:
+    def _compute_after(self, job: Job) -> None:
         """Decompose the mesh or its part after a repair or the choice of the part."""
-        if task.succeeded and self.solve.can_compute:
+        if job.succeeded and self.solve.can_compute:
             self.solve.compute()
 
     def take_part(self, mask: npt.NDArray[np.bool_] | None, *, then_compute: bool = False) -> None:
@@ -243,14 +252,16 @@ class Document(OpenMesh):
         `then_compute`, only stored eigenpairs are used.
         """
         if self.ready is not None:
-            job = PartJob(self._settled().mesh, mask, self.solve.operator, self.solve.target)
+            mesh, solve, records = self._settled().mesh, self.solve, not self.history.is_paused
             self.work.request(
-                job,
-                partial(
-                    self.accept_part, computes=then_compute, records=not self.history.is_paused
-                ),
-                needed=partial(self.is_shown, job.mesh),
-                then=self._compute_after if then_compute else lambda _: None,
+                Job(
+                    "Taking a part of",
+                    mesh.name,
+                    partial(prepare_part, mesh, mask, solve.operator, solve.target),
+                    partial(self.accept_part, computes=then_compute, records=records),
+                    needed=partial(self.is_shown, mesh),
+                    then=self._compute_after if then_compute else nothing,
+                )
             )
 
     def accept_part(
@@ -295,10 +306,6 @@ class Document(OpenMesh):
         assert shown is not None
         return shown.ready
 
-    def _scaling(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> ScaleJob:
-        solve = self.solve
-        return ScaleJob(mesh, voxel, unit, self.path, solve.operator, repairs, solve.target)
-
     # -- history ----------------------------------------------------------------------------
 
     def undo_repair(self) -> None:
@@ -330,9 +337,9 @@ class Document(OpenMesh):
             if self._undoing is not None and self.work.job is not None:
                 self._undoing.times += 1  # the mesh is being computed already
             else:
-                job = self._scaling(shown.mesh, shown.repairs, self.mesh.voxel, self.mesh.unit)
-                self._undoing = _Undoing(self.history.past[-1], job)
-                self.work.request(job, self._take_mesh, then=self._end_undoing)
+                undoing = self._undoing = _Undoing(self.history.past[-1], shown.repairs)
+                then, unit = partial(self._end_undoing, undoing), self.unit_text
+                self._prepare("Scaling", shown.mesh, None, then, earlier=shown.repairs, unit=unit)
             return False
         return True
 
@@ -424,8 +431,8 @@ class Document(OpenMesh):
             self.maps.open(maps)
         self.solve.preview(ready)
 
-    def _end_undoing(self, task: Task) -> None:
-        if self._undoing is not None and task.job is self._undoing.job:
+    def _end_undoing(self, undoing: _Undoing, _: Job) -> None:
+        if self._undoing is undoing:
             self._undoing = None
 
     def accept_mesh(
@@ -475,7 +482,7 @@ class Document(OpenMesh):
         """Show the open mesh after a repair, its undo, or a change of the voxel size."""
         n_pins, unit = len(self.pins.placed), self.unit_text
         undoing, self._undoing = self._undoing, None
-        if undoing is not None and undoing.job.repairs == ready.repairs:
+        if undoing is not None and undoing.repairs == ready.repairs:
             parts = {
                 "mesh": Shown(ready, ready.known),
                 "pins": followed_pins(self.pins.placed, before, ready.mesh),

@@ -22,7 +22,7 @@ from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.structures import unstated_structure
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart
-from meshmash_viewer.work import Channel, Job, JobResult, Queueing
+from meshmash_viewer.work import Channel, JobResult
 
 
 def write_results(
@@ -62,8 +62,8 @@ def written(path: Path, description: str, remark: str, *, warns: bool) -> JobRes
 
 
 @dataclass(frozen=True, eq=False)
-class ExportJob(Job):
-    """Job that computes features by the direct sum, or reads eigenpairs, and writes a file."""
+class Export:
+    """Export of features, computed by the direct sum, or of eigenpairs; the work of a job."""
 
     mesh: Mesh
     #: Operator of the eigenpairs in the store.
@@ -84,13 +84,7 @@ class ExportJob(Job):
     #: The part of the mesh that was decomposed, None for the whole; other vertices are NaN.
     part: Mesh | None = None
 
-    queueing = Queueing.COMPLETE
-
-    @property
-    def label(self) -> str:
-        return f"Writing {self.path.name}"
-
-    def run(self, channel: Channel) -> JobResult:
+    def __call__(self, channel: Channel) -> JobResult:
         """Write the file.
 
         `InputError` is raised if the stored eigenpairs are missing or damaged, or the file cannot
@@ -113,7 +107,7 @@ class ExportJob(Job):
             if self.maps:
                 results = results.with_maps(self.mesh)
         assert results is not None
-        channel.report(Progress("writing", message=self.label))
+        channel.report(Progress("writing", message=f"Writing {self.path.name}"))
         return self._write(results, pairs, proof, self.family.export)
 
     @property
@@ -184,8 +178,8 @@ def stored_pairs(
 
 
 @dataclass(frozen=True, eq=False)
-class PinExportJob(Job):
-    """Job that computes features by the direct sum, and writes a table with a row for each pin."""
+class PinExport:
+    """Export of a table with features at each pin; the work of a job."""
 
     mesh: Mesh
     operator: OperatorOptions
@@ -199,13 +193,7 @@ class PinExportJob(Job):
     #: What was asked for when the pairs were computed, by default as many as are used.
     target: Target | None = None
 
-    queueing = Queueing.COMPLETE
-
-    @property
-    def label(self) -> str:
-        return f"Writing {self.path.name}"
-
-    def run(self, channel: Channel) -> JobResult:
+    def __call__(self, channel: Channel) -> JobResult:
         """Write the file.
 
         `InputError` is raised if the stored eigenpairs are missing or damaged, a column cannot be
@@ -240,7 +228,7 @@ class PinExportJob(Job):
             missing += [features.missing] if features.missing else []
             if channel.cancelled():
                 raise Cancelled
-        channel.report(Progress("writing", message=self.label))
+        channel.report(Progress("writing", message=f"Writing {self.path.name}"))
         write_pins(self.path, columns)
         description = f"{counted(len(vertices), 'pin')}, {counted(len(columns), 'column')},"
         return written(self.path, description, ". ".join(missing), warns=bool(missing))

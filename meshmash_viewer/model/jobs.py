@@ -1,274 +1,84 @@
-"""Jobs: inputs and results of long computations.
+"""Jobs: long work in a separate process, requested by the parts of a document.
 
-A job is frozen and picklable. `Job.run` is executed in a separate process and communicates only
-through a `Channel`, so that it can be cancelled, or run out of memory, without harm to the window.
+A function of a job communicates only through a `Channel`, so that it can be cancelled, or run out
+of memory, without harm to the window.
 """
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from enum import Enum, auto
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from psygnal import Signal
 
 from meshmash_viewer.errors import InputError, MeshWarning
-from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_mesh
+from meshmash_viewer.health import listed_repairs, mesh_health, repair_mesh
 from meshmash_viewer.io.links import name_and_place
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.notices import Failure, Notice, notice_of
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.units import NO_VOXEL, Voxel
-from meshmash_viewer.vertex_map import VertexMap
-from meshmash_viewer.work import Channel, Job, JobResult, Queueing
+from meshmash_viewer.units import NO_VOXEL
+from meshmash_viewer.work import Channel, JobResult
 
 
-@dataclass(frozen=True)
-class ReadJob(Job):
-    """Job that reads a mesh file; the content is `MeshReady`, with stored eigenpairs.
+class Queueing(Enum):
+    """How a job queues while others run or wait, see `Job.replaces`."""
 
-    `unit` is a text for `quantities.parse_unit`; empty for the unit stated in the file. `repairs`
-    are applied in this order. If `source`, the hash of the mesh for which they were made, differs
-    from the hash of the mesh in the file, they are left out, and a remark reports it. `target` is
-    the part of the spectrum to look up, see `last_eigenpairs`.
-    """
-
-    path: Path
-    unit: str = ""
-    operator: OperatorOptions = field(default_factory=OperatorOptions)
-    repairs: tuple[str, ...] = ()
-    source: str = ""
-    target: Target | None = None
-
-    @property
-    def label(self) -> str:
-        return f"Reading {name_and_place(self.path)[0]}"
-
-    def run(self, channel: Channel) -> JobResult:
-        channel.report(Progress("reading", message=self.label))
-        with heard_warnings() as heard:
-            mesh, source = _read(self.path, self.unit, channel)
-        series, remark = [mesh], ""
-        if self.repairs and self.source in ("", source):
-            channel.report(Progress("repairing", message="Repairing as before"))
-            with heard_warnings() as lost:
-                series, remark = _repaired(mesh, self.repairs)
-            heard += lost
-        elif self.repairs:
-            remark = (
-                f"{self.path.name} has changed since it was repaired, so it is as it was read;"
-                f" the repairs were: {listed_repairs(self.repairs)}."
-            )
-        *before, mesh = series
-        ready, said = _inspect(mesh, self.operator, self.target, channel, path=self.path)
-        ready = replace(
-            ready,
-            repairs=self.repairs[: len(before)],
-            before=tuple(before),
-            source=source,
-            unasked=bool(before and self.source),
-        )
-        return JobResult(ready, " ".join(filter(None, [remark, *heard, said])))
+    #: The job replaces the running one and those that wait.
+    REPLACE = auto()
+    #: The job waits, and replaces those of its kind.
+    NEWEST = auto()
+    #: The job waits; it replaces no other, and no other replaces it.
+    COMPLETE = auto()
 
 
-@dataclass(frozen=True, eq=False)
-class MeshJob(Job):
-    """Base of the jobs on a mesh in memory."""
-
-    mesh: Mesh
-    doing: ClassVar[str]
-
-    @property
-    def label(self) -> str:
-        return f"{self.doing} {self.mesh.name or 'the mesh'}"
+#: The default Laplacian.
+_PLAIN = OperatorOptions()
 
 
-@dataclass(frozen=True, eq=False)
-class InspectJob(MeshJob):
-    """Job that inspects a mesh passed in memory; the content is `MeshReady`."""
-
-    operator: OperatorOptions = field(default_factory=OperatorOptions)
-    target: Target | None = None
-
-    doing: ClassVar[str] = "Inspecting"
-
-    def run(self, channel: Channel) -> JobResult:
-        return JobResult(*_inspect(self.mesh, self.operator, self.target, channel))
-
-
-@dataclass(frozen=True, eq=False)
-class RegionsJob(MeshJob):
-    """Job that measures the regions of a label set.
-
-    The content is columns, rows and remarks of `Regions`, whose mesh the window has.
-    """
-
-    labels: VertexMap
-    maps: tuple[VertexMap, ...] = ()
-    whole: bool = False
-
-    doing: ClassVar[str] = "Measuring the regions of"
-    queueing = Queueing.COMPLETE
-
-    def run(self, channel: Channel) -> JobResult:
-        from meshmash_viewer.features.regions import regions
-
-        channel.report(Progress("regions", message=self.label))
-        found = regions(self.mesh, self.labels, self.maps, whole=self.whole)
-        remark = f"Regions: {' '.join(found.remarks)}" if found.remarks else ""
-        return JobResult((found.columns, found.rows, found.remarks), remark)
-
-
-@dataclass(frozen=True, eq=False)
-class ScaleJob(MeshJob):
-    """Job that changes the voxel size with `Mesh.in_voxels`; the content is `MeshReady`.
-
-    `repairs` are the repairs already made on `mesh`.
-    """
-
-    voxel: Voxel
-    unit: str
-    path: Path | None = None
-    operator: OperatorOptions = field(default_factory=OperatorOptions)
-    repairs: tuple[str, ...] = ()
-    target: Target | None = None
-
-    doing: ClassVar[str] = "Scaling"
-
-    def run(self, channel: Channel) -> JobResult:
-        scaled = self.mesh.in_voxels(self.voxel, self.unit)
-        ready, said = _inspect(scaled, self.operator, self.target, channel, path=self.path)
-        return JobResult(replace(ready, repairs=self.repairs, derived=True), said)
-
-
-@dataclass(frozen=True, eq=False)
-class RepairJob(MeshJob):
-    """Job that makes a repair of `health.REPAIRS` after `earlier` ones, like `ReadJob`."""
-
-    repair: str
-    path: Path | None = None
-    operator: OperatorOptions = field(default_factory=OperatorOptions)
-    earlier: tuple[str, ...] = ()
-    target: Target | None = None
-
-    doing: ClassVar[str] = "Repairing"
-
-    def run(self, channel: Channel) -> JobResult:
-        repair = REPAIRS[self.repair]
-        channel.report(Progress("repairing", message=repair.label))
-        with heard_warnings() as heard:
-            mesh = repair.apply(self.mesh)
-        ready, said = _inspect(mesh, self.operator, self.target, channel, path=self.path)
-        ready = replace(ready, repairs=(*self.earlier, self.repair), derived=True)
-        return JobResult(ready, " ".join(filter(None, [*heard, said])))
-
-
-@dataclass(frozen=True, eq=False)
-class PartJob(MeshJob):
-    """Job that looks up eigenpairs on a mask of a mesh, or on the whole mesh.
-
-    The content is the `MeshReady` of the part, None for the whole, and its stored eigenpairs.
-    """
-
-    #: Shape (n,); None for the whole mesh.
-    mask: npt.NDArray[np.bool_] | None = None
-    operator: OperatorOptions = field(default_factory=OperatorOptions)
-    target: Target | None = None
-
-    doing: ClassVar[str] = "Taking a part of"
-
-    def run(self, channel: Channel) -> JobResult:
-        if self.mask is None:
-            channel.report(Progress("checking", message="Checking the stored eigenpairs"))
-            known, remark = _stored(self.mesh, self.operator, self.target, channel)
-            return JobResult((None, known), remark)
-        part, remark = _inspect(self.mesh.masked(self.mask), self.operator, self.target, channel)
-        return JobResult((part, part.known), remark)
-
-
-@dataclass(frozen=True, eq=False)
-class PreviewJob(MeshJob):
-    """Job that approximates the first eigenfunctions; the content is `Eigenpairs` or None."""
-
-    operator: OperatorOptions = field(default_factory=OperatorOptions)
-
-    doing: ClassVar[str] = "Previewing"
-    queueing = Queueing.BRIEF
-
-    def run(self, channel: Channel) -> JobResult:
-        from meshmash_viewer.model.decomposition import open_preview
-
-        return JobResult(open_preview(self.mesh, self.operator, channel))
-
-
-@dataclass(frozen=True, eq=False)
-class DecomposeJob(MeshJob):
-    """Job that computes, stores and sends `Eigenpairs`, and finally all as the content."""
-
-    operator: OperatorOptions
-    target: Target
-
-    doing: ClassVar[str] = "Decomposing"
-    queueing = Queueing.ALONE
-
-    def run(self, channel: Channel) -> JobResult:
-        from meshmash_viewer.model.decomposition import decompose
-
-        return JobResult(*decompose(self.mesh, self.operator, self.target, channel))
-
-
-@dataclass(frozen=True, eq=False)
-class ResolutionJob(MeshJob):
-    """Job that measures `Eigenpairs.mesh_errors` on a finer mesh; the content has shape (m,)."""
-
-    pairs: Eigenpairs
-
-    doing: ClassVar[str] = "Measuring the resolution of"
-
-    def run(self, channel: Channel) -> JobResult:
-        from meshmash_viewer.io.spectrum import measure_errors
-        from meshmash_viewer.model.decomposition import SPARE
-
-        found = measure_errors(
-            self.mesh,
-            self.pairs,
-            spare=channel.folder / SPARE,
-            progress=channel.report,
-            cancel=channel.cancelled,
-        )
-        return JobResult(found.mesh_errors[: found.n_measured])
-
-
-def _nothing(*_: object) -> str:
+def nothing(*_: object) -> str:
+    """Ignore an event of a job."""
     return ""
 
 
 @dataclass(eq=False)
-class Task:
-    """A requested job with the functions of its requester, and its state."""
+class Job:
+    """Long work in a separate process, what is done with its result, and its state.
 
-    job: Job
+    The label next to the progress bar consists of `doing`, the kind of the job, and its `subject`:
+    "Decomposing bunny".
+    """
+
+    doing: str
+    subject: str
+    #: Picklable function that is called in the process.
+    work: Callable[[Channel], JobResult]
     #: Called with the content of the result, or with a part of it, while the job is `needed`.
-    accept: Callable[[Any], object] = _nothing
-    receive: Callable[[Any], object] = _nothing
+    accept: Callable[[Any], object] = nothing
+    receive: Callable[[Any], object] = nothing
+    queueing: Queueing = Queueing.REPLACE
     #: Whether the result can be used; the job is cancelled when the mesh has changed otherwise.
     needed: Callable[[], bool] = lambda: True
     #: Called after the end of the job, which may have failed, or been cancelled or replaced.
-    then: Callable[[Task], object] = _nothing
-    #: Return the message of the cancelled job, and a sentence to add to that of a failure.
-    cancelled: Callable[[], str] = _nothing
-    lost: Callable[[], str] = _nothing
+    then: Callable[[Job], object] = nothing
+    #: Return the message of the cancelled job; "" for the usual one.
+    cancelled: Callable[[], str] = nothing
+    #: Return the notice of the failed job.
+    failed: Callable[[Failure], Notice] = notice_of
     #: Expected duration in seconds, and start time.
     expected: float | None = None
     began: float = 0.0
@@ -277,16 +87,153 @@ class Task:
     #: Whether the result has been accepted.
     succeeded: bool = False
 
-    def again(self, job: Job) -> Task:
-        """Return a request of another job by the same requester."""
-        functions = self.receive, self.needed, self.then, self.cancelled, self.lost
-        return Task(job, self.accept, *functions)
+    @property
+    def label(self) -> str:
+        return f"{self.doing} {self.subject or 'the mesh'}"
+
+    def replaces(self, other: Job) -> bool:
+        """Return whether this job takes the place of another one that runs or waits."""
+        if Queueing.COMPLETE in (self.queueing, other.queueing):
+            return False
+        return self.queueing is Queueing.REPLACE or self.doing == other.doing
 
     def take(self, content: object) -> None:
         """Accept the content of the result."""
         if self.needed():
             self.accept(content)
             self.succeeded = True
+
+
+class Work:
+    """The running job of a document.
+
+    ``requested`` is emitted with a `Job`; its runner calls `started`, `progressed` and `ended`.
+    """
+
+    changed = Signal()
+    requested = Signal(object)
+    cancel_requested = Signal()
+
+    def __init__(self) -> None:
+        self.job: Job | None = None
+
+    def request(self, job: Job) -> Job:
+        """Request to run a job, and return it."""
+        self.requested.emit(job)
+        return job
+
+    def write(self, path: Path, work: Callable[[Channel], JobResult]) -> Job:
+        """Request a job that writes a file."""
+        return self.request(Job("Writing", path.name, work, queueing=Queueing.COMPLETE))
+
+    def cancel(self) -> None:
+        """Request to stop the running job."""
+        if self.job is not None:
+            self.job.cancelling = True
+            self.changed.emit()
+            self.cancel_requested.emit()
+
+    def started(self, job: Job) -> None:
+        """Record the start of a job."""
+        self.job, job.began = job, time.monotonic()
+        self.changed.emit()
+
+    def progressed(self, progress: Progress) -> None:
+        """Record the progress of the job; a missing remaining time is estimated."""
+        job = self.job
+        if job is not None:
+            if progress.remaining is None and job.expected is not None:
+                left = job.began + job.expected - time.monotonic()
+                progress = replace(progress, remaining=left if left > 0.0 else None)
+            job.progress = progress
+            self.changed.emit()
+
+    def ended(self) -> None:
+        """Record the end of the job."""
+        job, self.job = self.job, None
+        self.changed.emit()
+        if job is not None:
+            job.then(job)
+
+
+# -- in the process -----------------------------------------------------------------------------
+
+
+def prepare(
+    source: Path | Mesh,
+    channel: Channel,
+    *,
+    operator: OperatorOptions = _PLAIN,
+    target: Target | None = None,
+    unit: str = "",
+    repairs: tuple[str, ...] = (),
+    hashed: str = "",
+    earlier: tuple[str, ...] = (),
+    path: Path | None = None,
+) -> JobResult:
+    """Prepare a mesh in a file or in memory for the window; the content is `MeshReady`.
+
+    `unit` is a text for `quantities.parse_unit`; empty for the unit stated in the file, or that of
+    the mesh. `repairs` are applied in this order. For a file, they are left out with a remark if
+    `hashed`, the hash of the mesh for which they were made, is not that of the mesh in the file,
+    and a failing one is left out with those after it. `earlier` are the repairs made on a mesh in
+    memory, which has the file `path`. `target` is the part of the spectrum to look up in the store,
+    see `last_eigenpairs`.
+    """
+    remark, file = "", source if isinstance(source, Path) else None
+    with heard_warnings() as heard:
+        if isinstance(source, Path):
+            channel.report(Progress("reading", message=f"Reading {name_and_place(source)[0]}"))
+            mesh, found = _read(source, unit, channel)
+        else:
+            mesh, found = source.in_voxels(*parse_unit(unit)) if unit else source, ""
+        series = [mesh]
+        if file is not None and hashed not in ("", found):
+            remark = (
+                f"{file.name} has changed since it was repaired, so it is as it was read;"
+                f" the repairs were: {listed_repairs(repairs)}."
+            )
+            repairs = ()
+        for name in repairs:
+            channel.report(Progress("repairing", message=listed_repairs([name])))
+            try:
+                series.append(repair_mesh(series[-1], name))
+            except InputError as fault:
+                if file is None:
+                    raise
+                remark = f"{listed_repairs([name])} was not made again. {fault}"
+                break
+    ready, said = _inspect(series[-1], operator, target, channel)
+    done = repairs[: len(series) - 1]
+    ready = replace(
+        ready,
+        path=file or path,
+        repairs=(*earlier, *done),
+        before=tuple(series[:-1]) if file is not None else (),
+        source=found,
+        unasked=bool(file and done and hashed),
+        derived=file is None and bool(unit or done),
+    )
+    return JobResult(ready, " ".join(filter(None, [remark, *heard, said])))
+
+
+def prepare_part(
+    mesh: Mesh,
+    mask: npt.NDArray[np.bool_] | None,
+    operator: OperatorOptions,
+    target: Target | None,
+    channel: Channel,
+) -> JobResult:
+    """Look up eigenpairs on a mask of a mesh, shape (n,), or on the whole mesh (None).
+
+    The content is the `MeshReady` of the part, None for the whole, and its stored eigenpairs.
+    """
+    if mask is None:
+        channel.report(Progress("checking", message="Checking the stored eigenpairs"))
+        known, remark = _stored(mesh, operator, target, channel)
+        return JobResult((None, known), remark)
+    part, remark = _inspect(mesh.masked(mask), operator, target, channel)
+    return JobResult((part, part.known), remark)
 
 
 @contextmanager
@@ -317,24 +264,8 @@ def _read(path: Path, unit: str, channel: Channel) -> tuple[Mesh, str]:
     return numbers.in_voxels(voxel, name), numbers.content_hash
 
 
-def _repaired(mesh: Mesh, names: Sequence[str]) -> tuple[list[Mesh], str]:
-    """Return the mesh before and after each repair, and a sentence about a failed repair."""
-    series = [mesh]
-    for name in names:
-        try:
-            series.append(repair_mesh(series[-1], name))
-        except InputError as fault:
-            return series, f"{listed_repairs([name])} was not made again. {fault}"
-    return series, ""
-
-
 def _inspect(
-    mesh: Mesh,
-    operator: OperatorOptions,
-    target: Target | None,
-    channel: Channel,
-    *,
-    path: Path | None = None,
+    mesh: Mesh, operator: OperatorOptions, target: Target | None, channel: Channel
 ) -> tuple[MeshReady, str]:
     """Measure the health of a mesh, and look up its stored eigenpairs in a second thread.
 
@@ -352,7 +283,7 @@ def _inspect(
             channel.report(Progress("checking", message="Checking the stored eigenpairs"))
         known, remark = stored.result()
     small_or_none = small if small.any() else None
-    ready = MeshReady(mesh, health, normals, path, known=known, sample=sample, small=small_or_none)
+    ready = MeshReady(mesh, health, normals, known=known, sample=sample, small=small_or_none)
     return ready, remark
 
 
@@ -362,54 +293,3 @@ def _stored(
     from meshmash_viewer.io.spectrum import last_eigenpairs
 
     return last_eigenpairs(mesh, operator, target, channel.cancelled)
-
-
-class Work:
-    """The running job of a document.
-
-    ``requested`` is emitted with a `Task`; its runner calls `started`, `progressed` and `ended`.
-    """
-
-    changed = Signal()
-    requested = Signal(object)
-    cancel_requested = Signal()
-
-    def __init__(self) -> None:
-        self.job: Task | None = None
-
-    def request(
-        self, job: Job, accept: Callable[[Any], object] = _nothing, **functions: Any
-    ) -> Task:
-        """Request to run a job, such as an export; see the attributes of `Task`."""
-        task = Task(job, accept, **functions)
-        self.requested.emit(task)
-        return task
-
-    def cancel(self) -> None:
-        """Request to stop the running job."""
-        if self.job is not None:
-            self.job.cancelling = True
-            self.changed.emit()
-            self.cancel_requested.emit()
-
-    def started(self, task: Task) -> None:
-        """Record the start of a job."""
-        self.job, task.began = task, time.monotonic()
-        self.changed.emit()
-
-    def progressed(self, progress: Progress) -> None:
-        """Record the progress of the job; a missing remaining time is estimated."""
-        job = self.job
-        if job is not None:
-            if progress.remaining is None and job.expected is not None:
-                left = job.began + job.expected - time.monotonic()
-                progress = replace(progress, remaining=left if left > 0.0 else None)
-            job.progress = progress
-            self.changed.emit()
-
-    def ended(self) -> None:
-        """Record the end of the job."""
-        job, self.job = self.job, None
-        self.changed.emit()
-        if job is not None:
-            job.then(job)

@@ -19,15 +19,17 @@ from meshmash_viewer.features.regions import Regions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.history import History
-from meshmash_viewer.model.jobs import RegionsJob, Work
+from meshmash_viewer.model.jobs import Job, Queueing, Work
 from meshmash_viewer.model.maps import Maps
 from meshmash_viewer.model.notices import Notice, Notices, Severity
 from meshmash_viewer.model.open_mesh import OpenMesh
 from meshmash_viewer.model.pins import PIN_COLORS, checked_color, distinct_name
 from meshmash_viewer.model.selection import Hiding, Selection
+from meshmash_viewer.progress import Progress
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import Label, VertexMap
+from meshmash_viewer.work import Channel, JobResult
 
 _Act = TypeVar("_Act", bound=Callable[..., None])
 #: Pattern of the names of predicted label sets.
@@ -45,6 +47,18 @@ def _said(act: _Act) -> _Act:
             self._notices.say(str(fault), Severity.WARNING)
 
     return acting  # type: ignore[return-value]
+
+
+def _measure(
+    mesh: Mesh, labels: VertexMap, maps: tuple[VertexMap, ...], whole: bool, channel: Channel
+) -> JobResult:
+    """Measure `Regions`, whose mesh the window has; the content is columns, rows and remarks."""
+    from meshmash_viewer.features.regions import regions
+
+    channel.report(Progress("regions", message="Measuring the regions"))
+    found = regions(mesh, labels, maps, whole=whole)
+    remark = f"Regions: {' '.join(found.remarks)}" if found.remarks else ""
+    return JobResult((found.columns, found.rows, found.remarks), remark)
 
 
 class Labels:
@@ -270,15 +284,23 @@ class Labels:
         """Request a measurement of the regions of the current set; see `features.regions`."""
         mesh, known = self._opened.mesh, self.current
         if mesh is not None and known is not None:
-            job = RegionsJob(mesh, known, maps, whole)
-            self._work.request(job, partial(self._accept_regions, job))
+            self._work.request(
+                Job(
+                    "Measuring the regions of",
+                    mesh.name,
+                    partial(_measure, mesh, known, maps, whole),
+                    partial(self._accept_regions, mesh.with_only_maps(*maps), known),
+                    queueing=Queueing.COMPLETE,
+                )
+            )
 
-    def _accept_regions(self, job: RegionsJob, found: tuple[Any, Any, tuple[str, ...]]) -> None:
+    def _accept_regions(
+        self, measured: Mesh, labels: VertexMap, found: tuple[Any, Any, tuple[str, ...]]
+    ) -> None:
         """Store the measured regions of a set, if its mesh is still open."""
         mesh = self._opened.mesh
-        if mesh is not None and mesh.vertices is job.mesh.vertices:
-            measured = job.mesh.with_only_maps(*job.maps)
-            self.regions_of = job.labels
+        if mesh is not None and mesh.vertices is measured.vertices:
+            self.regions_of = labels
             columns, rows, remarks = found
             self.measured = Regions(columns, rows, measured, remarks)
             self.accept_counts(self.measured, self.measured)

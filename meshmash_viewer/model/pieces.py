@@ -27,7 +27,7 @@ from meshmash_viewer.split.piece_features import PieceFeatures
 from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.split.stitching import seam_sentence
 from meshmash_viewer.units import counted, format_quantity, format_share, power_unit
-from meshmash_viewer.work import Channel, Job, JobResult
+from meshmash_viewer.work import Channel, JobResult
 
 #: Minimum number of vertices of a piece, and a number that is decomposed in seconds.
 LEAST, _USUAL = 500, 20_000
@@ -61,8 +61,8 @@ def _expected(mesh: Mesh, target: Target) -> Eigenpairs:
 
 
 @dataclass(frozen=True, eq=False)
-class PiecesJob(Job):
-    """Job that computes features in pieces and writes them.
+class Pieces:
+    """Work of a job that computes features in pieces and writes them.
 
     The job sends a `MapGrew` for each piece, with the column nearest to the displayed position (a
     time, for example).
@@ -87,11 +87,7 @@ class PiecesJob(Job):
     #: Whether features are written that differ at seams by more than a tenth in the median.
     accept_seams: bool = False
 
-    @property
-    def label(self) -> str:
-        return f"Computing {self.mesh.name or 'the mesh'} in pieces"
-
-    def run(self, channel: Channel) -> JobResult:
+    def __call__(self, channel: Channel) -> JobResult:
         from joblib.externals.loky import reusable_executor
 
         shown, name = self._shown()
@@ -206,7 +202,7 @@ def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int
 
 
 def described_seams(report: dict[str, Any]) -> str:
-    """Describe the seams in a report of `PiecesJob.write`, as a sentence without a full stop."""
+    """Describe the seams in a report of `Pieces.write`, as a sentence without a full stop."""
     worst, typical = (max(report[name], default=0.0) for name in ("seam_largest", "seam_median"))
     return (
         f"{counted(report['pieces'], 'piece')} of at most"

@@ -14,15 +14,19 @@ from psygnal import SignalGroupDescriptor
 
 from meshmash_viewer.features.truncation import asked_target
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.model.decomposition import is_worthwhile
-from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob, ResolutionJob, Task, Work
+from meshmash_viewer.model.decomposition import (
+    decompose,
+    is_worthwhile,
+    measure_resolution,
+    preview,
+)
+from meshmash_viewer.model.jobs import Job, Queueing, Work
 from meshmash_viewer.model.open_mesh import MeshReady, OpenMesh
 from meshmash_viewer.spectral.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.resolution import affordable_pairs
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import counted
-from meshmash_viewer.work import Queueing
 
 DEFAULT_TARGET = Target("count", 100)
 
@@ -44,6 +48,8 @@ class Solve:
     target: Target = DEFAULT_TARGET
     #: Seconds per vertex and pair of the last decomposition on this machine, if any.
     seconds_rate: float | None = None
+    #: The last requested decomposition.
+    _job: Job | None = field(default=None, init=False)
 
     def stated(self, spectrum: Eigenpairs) -> Target:
         """Return what was asked for a spectrum, if possible as the user states it."""
@@ -86,7 +92,8 @@ class Solve:
     def can_compute(self) -> bool:
         """Whether the mesh has pairs left to compute, and no other job runs."""
         running = self._work.job
-        waits = running is None or running.job.queueing is Queueing.BRIEF
+        brief = running is not self._job and getattr(running, "queueing", None) is Queueing.NEWEST
+        waits = running is None or brief
         return self._opened.ready is not None and waits and not self.is_computed
 
     @property
@@ -100,21 +107,35 @@ class Solve:
         """Request the decomposition of the open mesh."""
         solved = self._opened.solved
         if solved is not None:
-            self._work.request(
-                DecomposeJob(solved.mesh, self.operator, self.asked),
-                self._accept,
-                receive=self._accept,
-                needed=partial(self._opened.is_solved, solved.mesh),
-                then=self._take_time,
-                cancelled=self._kept,
-                expected=self.expected_seconds(self.asked),
+            self._job = self._work.request(
+                Job(
+                    "Decomposing",
+                    solved.mesh.name,
+                    partial(decompose, solved.mesh, self.operator, self.asked),
+                    self._accept,
+                    self._accept,
+                    Queueing.NEWEST,
+                    needed=partial(self._opened.is_solved, solved.mesh),
+                    then=self._take_time,
+                    cancelled=self._kept,
+                    expected=self.expected_seconds(self.asked),
+                )
             )
 
     def preview(self, ready: MeshReady) -> None:
         """Request an approximation of the first pairs, if more than are stored."""
         if is_worthwhile(ready):
             needed = partial(self._opened.is_solved, ready.mesh)
-            self._work.request(PreviewJob(ready.mesh, self.operator), self._accept, needed=needed)
+            self._work.request(
+                Job(
+                    "Previewing",
+                    ready.mesh.name,
+                    partial(preview, ready.mesh, self.operator),
+                    self._accept,
+                    queueing=Queueing.NEWEST,
+                    needed=needed,
+                )
+            )
 
     @property
     def measurable(self) -> int:
@@ -132,9 +153,9 @@ class Solve:
         if solved is not None and spectrum is not None and self.measurable:
             pairs = replace(spectrum.exact, mesh=None, alignment=None)
             needed = partial(self._opened.is_solved, solved.mesh)
-            self._work.request(
-                ResolutionJob(solved.mesh, pairs), self._accept_errors, needed=needed
-            )
+            work, name = partial(measure_resolution, solved.mesh, pairs), solved.mesh.name
+            doing = "Measuring the resolution of"
+            self._work.request(Job(doing, name, work, self._accept_errors, needed=needed))
 
     def _accept_errors(self, errors: npt.NDArray[np.float64]) -> None:
         """Take errors of the first eigenvalues, measured on a finer mesh."""
@@ -155,10 +176,10 @@ class Solve:
         kept = counted(len(spectrum.exact), "eigenpair")
         return f"Cancelled; {kept} that converged before are kept."
 
-    def _take_time(self, task: Task) -> None:
+    def _take_time(self, job: Job) -> None:
         """Update `seconds_rate` from a decomposition that has ended."""
         spectrum = self._opened.spectrum
-        if task.succeeded and spectrum is not None and spectrum.complete:
-            took = time.monotonic() - task.began
+        if job.succeeded and spectrum is not None and spectrum.complete:
+            took = time.monotonic() - job.began
             rate = measured_rate(spectrum.rows.shape[1], len(spectrum.exact), took)
             self.seconds_rate = rate or self.seconds_rate

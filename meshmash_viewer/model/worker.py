@@ -30,16 +30,19 @@ import numpy as np
 from meshmash_viewer.features.filters import bspline_bank
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.notices import Failure, failure_of
 from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
 from meshmash_viewer.spectral.cost import decomposition_bytes
-from meshmash_viewer.work import Job, Wire, end_group, start_child
+from meshmash_viewer.work import Channel, JobResult, Wire, end_group, start_child
 
 #: Function called with the kind of a message and its content: "progressed" with a `Progress`,
 #: "sent" with a partial result, and at the end "finished" with the result, "failed" with a
 #: `Failure`, or "cancelled" with None.
 Receiver: TypeAlias = Callable[[str, Any], None]
 
+#: The label and the function of a job.
+_Given: TypeAlias = tuple[str, Callable[[Channel], JobResult]]
 _ENDS = ("finished", "failed", "cancelled")
 #: Seconds after which the process of a cancelled job is killed.
 _CANCEL_PATIENCE = 1.0
@@ -54,7 +57,8 @@ class _Order:
     """A submitted job."""
 
     number: int
-    job: Job
+    #: The label and the function of the job.
+    given: _Given
     stopped: threading.Event = field(default_factory=threading.Event)
     ended: threading.Event = field(default_factory=threading.Event)
     answered: threading.Event = field(default_factory=threading.Event)
@@ -101,7 +105,7 @@ class Worker:
         """
         if self.busy or self._closing:
             raise RuntimeError("the worker is busy or closed")
-        self._order = _Order(next(self._numbers), job)
+        self._order = _Order(next(self._numbers), (job.label, job.work))
         self._orders.put(self._order)
 
     def cancel(self) -> None:
@@ -164,12 +168,12 @@ class Worker:
         if self._is_stopped(order):
             receive("cancelled", None)
         elif self.in_process:
-            run_job(order.job, receive, partial(self._is_stopped, order), self.folder)
+            run_job(*order.given, receive, partial(self._is_stopped, order), self.folder)
         else:
             try:
                 self._exchange(order)
             except (EOFError, BrokenPipeError):
-                failure = self._replace_process(order.job)
+                failure = self._replace_process(order.given[0])
                 if self._is_stopped(order):
                     receive("cancelled", None)
                 elif again and not order.answered.is_set():
@@ -177,11 +181,11 @@ class Worker:
                 else:
                     receive("failed", failure)
             except OSError as error:
-                text = f"{order.job.label} stopped: {error.strerror or error}."
+                text = f"{order.given[0]} stopped: {error.strerror or error}."
                 receive("failed", Failure(text, repr(error), correctable=True))
             except Exception as error:  # noqa: BLE001  a defect must not end the thread silently
                 self._drop_process()
-                receive("failed", failure_of(error, order.job.label))
+                receive("failed", failure_of(error, order.given[0]))
 
     def _is_stopped(self, order: _Order) -> bool:
         return order.stopped.is_set() or self._closing
@@ -199,13 +203,13 @@ class Worker:
             self._start_process()
         if self._wire is None:
             raise EOFError
-        self._wire.send((order.number, order.job))
+        self._wire.send((order.number, order.given))
         if order.stopped.is_set():  # stopped before the process was connected
             self._wire.send((order.number, None))
         while not order.ended.is_set():
             self._deliver(order, *self._wire.receive())
 
-    def _replace_process(self, job: Job) -> Failure:
+    def _replace_process(self, label: str) -> Failure:
         """Start another process, and return the reason why the previous process ended."""
         code = 0
         if self._process is not None:
@@ -218,13 +222,13 @@ class Worker:
             self._start_process()
         if code == -9:
             text = (
-                f"{job.label} was stopped by the system, most likely because memory ran out: "
+                f"{label} was stopped by the system, most likely because memory ran out: "
                 "ask for fewer eigenpairs, or close other programs."
             )
         else:
             how = f"signal {-code}" if code < 0 else f"status {code}"
             text = (
-                f"{job.label} failed: its process ended with {how}. Converged eigenpairs are kept; "
+                f"{label} failed: its process ended with {how}. Converged eigenpairs are kept; "
                 "compute again to continue."
             )
         return Failure(text, details)
@@ -264,7 +268,7 @@ def serve(source: BinaryIO, sink: BinaryIO, folder: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is handled by the window
     _lower_priority()
     wire = Wire(source, sink)
-    jobs: queue.SimpleQueue[tuple[int, Job]] = queue.SimpleQueue()
+    jobs: queue.SimpleQueue[tuple[int, _Given]] = queue.SimpleQueue()
     stopped: set[int] = set()
     threading.Thread(target=_listen, args=(wire, jobs, stopped, folder), daemon=True).start()
     _warm_up()
@@ -275,21 +279,21 @@ def serve(source: BinaryIO, sink: BinaryIO, folder: str) -> None:
         wire.send((kind, content))
 
     while True:
-        number, job = jobs.get()
-        run_job(job, receive, partial(stopped.__contains__, number), Path(folder))
+        number, given = jobs.get()
+        run_job(*given, receive, partial(stopped.__contains__, number), Path(folder))
 
 
 def _listen(
-    wire: Wire, jobs: queue.SimpleQueue[tuple[int, Job]], stopped: set[int], folder: str
+    wire: Wire, jobs: queue.SimpleQueue[tuple[int, _Given]], stopped: set[int], folder: str
 ) -> None:
     """Receive jobs, and numbers of jobs to stop, while the main thread works."""
     try:
         while True:
-            number, job = wire.receive()
-            if job is None:
+            number, given = wire.receive()
+            if given is None:
                 stopped.add(number)
             else:
-                jobs.put((number, job))
+                jobs.put((number, given))
     except (EOFError, OSError):
         # the window has ended, possibly without deleting the folder
         shutil.rmtree(folder, ignore_errors=True)
@@ -298,14 +302,20 @@ def _listen(
         os._exit(0)
 
 
-def run_job(job: Job, receive: Receiver, cancelled: CancelCallback, folder: Path) -> None:
+def run_job(
+    label: str,
+    work: Callable[[Channel], JobResult],
+    receive: Receiver,
+    cancelled: CancelCallback,
+    folder: Path,
+) -> None:
     """Run a job, and pass its messages and its end to a receiver."""
     try:
-        receive("finished", job.run(_JobChannel(receive, cancelled, folder)))
+        receive("finished", work(_JobChannel(receive, cancelled, folder)))
     except Cancelled:
         receive("cancelled", None)
     except Exception as error:  # noqa: BLE001  the window reports it
-        receive("failed", failure_of(error, job.label))
+        receive("failed", failure_of(error, label))
 
 
 class _JobChannel:

@@ -20,7 +20,7 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.classes import ClassesJob
+from meshmash_viewer.model import classes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.progress import Progress
@@ -206,18 +206,19 @@ def test_live_classes_follow_the_labels_through_undo(painted: MainWindow, qtbot:
 def test_the_newest_request_wins_and_cancel_leaves_all(
     painted: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    document, run, begun = painted.document, ClassesJob.run, []
+    document, run, begun = painted.document, classes.classify, []
 
-    def slow(job: ClassesJob, channel) -> object:
-        begun.append(job)
+    def slow(*given: object) -> object:
+        *_, options, _, channel = given
+        begun.append(options)
         while len(begun) == 1 or document.classes.options.kinds == ("wks",):
             time.sleep(0.01)
             channel.report(Progress("training"))
             if channel.cancelled():
                 break
-        return run(job, channel)
+        return run(*given)
 
-    monkeypatch.setattr(ClassesJob, "run", slow)
+    monkeypatch.setattr(classes, "classify", slow)
     press(painted, "class_classify_button")
     qtbot.waitUntil(lambda: len(begun) == 1, timeout=PATIENCE)
     assert part(painted, "status_progress").isVisible()
@@ -225,7 +226,7 @@ def test_the_newest_request_wins_and_cancel_leaves_all(
     give(part(painted, "class_smoothing_field").lineEdit(), "50")
     press(painted, "class_classify_button")
     rest(painted, qtbot)
-    assert [job.options.smoothing for job in begun] == [0.0, 50.0]
+    assert [options.smoothing for options in begun] == [0.0, 50.0]
     assert [step.label for step in document.history.past].count("classes") == 1
     assert "Cancelled" not in document.notices.last.text
 

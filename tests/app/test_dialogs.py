@@ -35,7 +35,7 @@ from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
 from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields import EXPORTS
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.jobs import Job
 
 LEFT = Qt.MouseButton.LeftButton
 CONTROL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
@@ -237,11 +237,11 @@ def test_what_one_looks_at_is_offered_and_the_format_remembered(
     edit.selectAll()
     QTest.keyClicks(edit, str(tmp_path / "mine.csv"))
     assert dialog.format.ending == ".csv", "the name says which"
-    jobs: list[ExportJob] = []
+    jobs: list[Job] = []
     window.document.work.requested.disconnect()
-    window.document.work.requested.connect(lambda task: jobs.append(task.job))
+    window.document.work.requested.connect(jobs.append)
     QTest.keyClick(edit, Qt.Key.Key_Return)
-    assert [job.path for job in jobs] == [tmp_path / "mine.csv"]
+    assert [job.work.path for job in jobs] == [tmp_path / "mine.csv"]
     again = asked(qtbot, window, "export_dialog", Qt.Key.Key_E)
     assert again.path == tmp_path / "rectangle_geometry-vectors.csv"
     again.reject()

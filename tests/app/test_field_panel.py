@@ -34,7 +34,7 @@ from meshmash_viewer.model.display import (
 )
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
-from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate
@@ -239,8 +239,8 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     more = document.mesh.area * (needed - document.spectrum.eigenvalues[-1]) / (4 * math.pi)
     said = part(panel, "hks_missing_label").text()
     assert f"about {120 + more:,.0f} pairs in all" in said
-    requested: list[DecomposeJob] = []
-    document.work.requested.connect(lambda task: requested.append(task.job))
+    requested: list[Job] = []
+    document.work.requested.connect(requested.append)
     button = part(panel, "hks_compute_button")
     document.solve.operator = document.spectrum.operator  # as after a decomposition
     display.change(HeatKernelSignature, time=1.01e6)
@@ -249,7 +249,7 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     assert "of memory and" in button.toolTip()
     QTest.mouseClick(button, LEFT)
     assert document.solve.target == Target("time", 1e6)
-    assert requested[0].target.max_eigenvalue == pytest.approx(needed)
+    assert requested[0].work.args[2].max_eigenvalue == pytest.approx(needed)
     display.change(HeatKernelSignature, time=0.97 * resolved_from(document.spectrum))
     assert part(panel, "hks_missing_label").isHidden(), "less than 1 % is missing"
     assert button.isHidden()

@@ -28,7 +28,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view.annotations import margins
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.model.jobs import DecomposeJob, Task
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.limits import PercentileLimits
 from meshmash_viewer.progress import Progress
 
@@ -193,8 +193,7 @@ def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> Non
         QTest.keyClicks(spin, text)
         QTest.keyClick(spin, Qt.Key.Key_Tab)
         assert places(window) == before, text
-    job = DecomposeJob(document.mesh, document.solve.operator, document.solve.target)
-    document.work.started(Task(job))
+    document.work.started(Job("Decomposing", "", print))
     for message in ("ordering", "the iteration, of which there is a good deal to be said " * 2):
         document.work.progressed(Progress("solve", 0.3, 88.0, message))
         assert places(window) == before, message

@@ -412,9 +412,9 @@ def test_as_many_pairs_as_the_shortest_time_takes(
     assert "no more eigenpairs" in box.note.text()
     asked = []
     document.work.requested.disconnect()
-    document.work.requested.connect(lambda task: asked.append(task.job))
+    document.work.requested.connect(asked.append)
     document.solve.compute()
-    assert asked[0].target == Target("count", document.mesh.n_vertices)
+    assert asked[0].work.args[2] == Target("count", document.mesh.n_vertices)
 
 
 @pytest.mark.slow
@@ -787,7 +787,7 @@ def test_exports_say_what_they_miss_before_and_after(
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
     assert "miss" not in dialog.remark_label.text()
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
-    document.work.request(dialog.job())
+    document.work.write(dialog.path, dialog.export())
     qtbot.waitUntil(lambda: (tmp_path / "ball_hks.npz").exists(), timeout=PATIENCE)
     qtbot.waitUntil(lambda: ball.stage.message_bar.notice is not None, timeout=PATIENCE)
     notice = ball.stage.message_bar.notice
@@ -824,7 +824,7 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     dialog.count_spin.setValue(12)
     assert "× 12 columns" in dialog.contents_label.text()
     assert "wks_λ=" in dialog.columns_label.text()
-    assert (dialog.job().family.export, dialog.job().family.count) == ("wks", 12)
+    assert (dialog.export().family.export, dialog.export().family.count) == ("wks", 12)
     dialog.pairs_spin.setValue(2)  # two pairs, one of them constant, give no range of energies
     assert "more eigenpairs" in dialog.contents_label.text()
     assert not dialog.accept_button.isEnabled()
@@ -832,7 +832,7 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     assert dialog.accept_button.isEnabled()
     dialog.pairs_spin.setValue(10)
     assert "× 10 columns" in dialog.contents_label.text()
-    job = dialog.job()
+    job = dialog.export()
     assert job.family.export == "eigenpairs"
     assert (job.n_pairs, job.path.name) == (
         10,
@@ -982,13 +982,13 @@ def test_settings_are_kept_unless_fresh(qtbot: QtBot, monkeypatch: pytest.Monkey
 def test_close_while_nothing_runs_is_quick(qtbot: QtBot) -> None:
     window = MainWindow(fresh=True)
     window.show()
-    folder = window.tasks.worker.folder
+    folder = window.jobs.worker.folder
     window.close()
     deadline = time.monotonic() + 60
     while folder.exists() and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not folder.exists()
-    assert window.tasks.worker.process_id is None
+    assert window.jobs.worker.process_id is None
 
 
 def test_a_known_mesh_opens_with_its_last_field(

@@ -456,7 +456,7 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     dialog = ExportDialog(document, tmp_path, window)
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
     assert kept.name in dialog.columns_label.text()
-    document.work.request(dialog.job())
+    document.work.write(dialog.path, dialog.export())
     rest(window)
     with np.load(dialog.path) as file:
         found = file["features"][:, list(file["columns"]).index(kept.name)]

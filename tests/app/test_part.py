@@ -27,7 +27,7 @@ from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.session import write_session
 from meshmash_viewer.laplacian import cotangent_laplacian
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.export import Export
 from meshmash_viewer.spectral.weyl import Target, weyl_eigenvalue
 
 PATIENCE = 60_000
@@ -96,8 +96,8 @@ def test_the_selection_is_solved_alone(solved: MainWindow, qtbot: QtBot, tmp_pat
     assert solved.scene.mesh is mesh
     assert np.array_equal(~np.isnan(solved.controller.field.values), mask)
     family, operator = HeatKernelSignature().exported(4), document.solve.operator
-    job = ExportJob(mesh, operator, tmp_path / "h.npz", family, N, part=document.part_mesh)
-    document.work.request(job)
+    job = Export(mesh, operator, tmp_path / "h.npz", family, N, part=document.part_mesh)
+    document.work.write(job.path, job)
     qtbot.waitUntil(lambda: job.path.exists() and not document.work.job, timeout=PATIENCE)
     with np.load(job.path) as written:
         assert np.array_equal(~np.isnan(written["features"]).any(axis=1), mask)

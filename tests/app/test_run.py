@@ -291,7 +291,7 @@ def test_a_script_that_ends_leaves_no_process(tmp_path: Path) -> None:
         from PySide6.QtTest import QTest
         while window.document.mesh is None:
             QTest.qWait(10)
-        print(window.tasks.worker.process_id, window.tasks.worker.folder)
+        print(window.jobs.worker.process_id, window.jobs.worker.folder)
     """)
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=False

@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from unittest import mock
 
@@ -29,7 +30,7 @@ from meshmash_viewer.io.cache import ROWS
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.worker import serve
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target
@@ -52,7 +53,7 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 from meshmash_viewer.app.run import application, run_app
 from meshmash_viewer.fields import EXPORTS
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.export import Export
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target
 
@@ -83,7 +84,7 @@ def look():
                 done.add("exported")
                 out, family = Path(sys.argv[2]), EXPORTS["hks"].exported(32)
                 operator = document.solve.operator
-                document.work.request(ExportJob(document.mesh, operator, out, family, {WANTED}))
+                document.work.write(out, Export(document.mesh, operator, out, family, {WANTED}))
             else:
                 window.close()
 
@@ -257,7 +258,8 @@ def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subpro
         assert process.stdin is not None
         assert process.stdout is not None
         wire = Wire(process.stdout, process.stdin)  # type: ignore[arg-type]
-        wire.send((1, DecomposeJob(mesh, OPERATOR, Target("count", WANTED))))
+        work = partial(decompose, mesh, OPERATOR, Target("count", WANTED))
+        wire.send((1, ("Decomposing", work)))
         listener = threading.Thread(target=_listen, args=(wire, process))
         listener.start()
         try:

@@ -19,7 +19,7 @@ from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.export import Export
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.weyl import Target
@@ -134,9 +134,9 @@ def test_files_of_a_request_are_the_same_from_window_and_command_line(
     fresh = command("fresh.npz")
     monkeypatch.setenv("MESHMASH_CACHE", str(own_cache / "other"))
     for target in (Target("count", 90), COUNT):
-        pairs, _ = decompose(mesh, OPERATOR, target, listener)
+        pairs = decompose(mesh, OPERATOR, target, listener).content
     family = HeatKernelSignature().resolved(pairs, {})
-    ExportJob(mesh, OPERATOR, tmp_path / "window.npz", family, 60, COUNT).run(listener)
+    Export(mesh, OPERATOR, tmp_path / "window.npz", family, 60, COUNT)(listener)
     window = content(tmp_path / "window.npz")
     assert window == fresh
     assert command("again.npz") == fresh

@@ -17,14 +17,8 @@ from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import decomposition
 from meshmash_viewer.model.decomposition import decompose
-from meshmash_viewer.model.export import ExportJob
-from meshmash_viewer.model.jobs import (
-    DecomposeJob,
-    InspectJob,
-    ReadJob,
-    RepairJob,
-    ScaleJob,
-)
+from meshmash_viewer.model.export import Export
+from meshmash_viewer.model.jobs import prepare
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral import cost
 from meshmash_viewer.spectral.cost import check_memory
@@ -48,7 +42,7 @@ def residuals(mesh: Mesh, grew: Eigenpairs) -> np.ndarray:
 
 
 def test_pairs_are_mapped_from_the_store(sphere: Mesh, listener: Listener) -> None:
-    grew = DecomposeJob(sphere, OPERATOR, Target("count", 25)).run(listener).content
+    grew = decompose(sphere, OPERATOR, Target("count", 25), listener).content
     spectrum = grew
     assert len(spectrum) == spectrum.total == 25
     assert spectrum.complete
@@ -69,7 +63,7 @@ def test_growth_never_shows_the_null_space_alone(three_spheres: Mesh, listener: 
 def test_what_is_stored_is_not_computed_again(
     sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, _ = decompose(sphere, OPERATOR, Target("count", 20), listener)
+    first = decompose(sphere, OPERATOR, Target("count", 20), listener).content
     moved, asked = Mesh(sphere.vertices + 1.0, sphere.faces), Target("count", 20)
     assert find_eigenpairs(moved, OPERATOR, asked) == (None, "")
     monkeypatch.delattr("meshmash_viewer.spectral.eigensolver.Run")
@@ -77,16 +71,16 @@ def test_what_is_stored_is_not_computed_again(
     assert known is not None
     assert not remark
     assert known.certificate == first.certificate
-    again, _ = decompose(sphere, OPERATOR, asked, listener)
+    again = decompose(sphere, OPERATOR, asked, listener).content
     np.testing.assert_array_equal(again.rows, first.rows)
 
 
 def test_all_below_a_threshold_are_known_to_be_all(sphere: Mesh, listener: Listener) -> None:
-    first, _ = decompose(sphere, OPERATOR, Target("count", 12), listener)
+    first = decompose(sphere, OPERATOR, Target("count", 12), listener).content
     threshold = float(first.eigenvalues[8]) + 0.9 * float(
         first.eigenvalues[9] - first.eigenvalues[8]
     )
-    below, _ = decompose(sphere, OPERATOR, Target("max_eigenvalue", threshold), listener)
+    below = decompose(sphere, OPERATOR, Target("max_eigenvalue", threshold), listener).content
     assert below.eigenvalues[-1] < below.known_to <= first.eigenvalues[9]
 
 
@@ -100,7 +94,7 @@ def test_cancelled_run_keeps_what_converged(tmp_path: Path) -> None:
     assert 50 <= len(known) < known.total == 300
     assert not known.complete
     listener = Listener(tmp_path)
-    grew, _ = decompose(mesh, OPERATOR, Target("count", 300), listener)
+    grew = decompose(mesh, OPERATOR, Target("count", 300), listener).content
     assert grew.complete
     assert len(listener.messages[0]) >= 50
 
@@ -137,28 +131,29 @@ def test_a_damaged_row_is_found_before_a_number_is_used_and_only_its_batch_is_ma
     listener: Listener, tmp_path: Path
 ) -> None:
     mesh, asked = shapes.three_spheres(3), Target("count", 40)
-    whole, _ = decompose(mesh, OPERATOR, asked, listener)
+    whole = decompose(mesh, OPERATOR, asked, listener).content
     before = np.array(whole.rows)
     path = EigenpairStore(mesh, OPERATOR, asked).folder / "eigenvectors.f64"
     with path.open("r+b") as file:
         file.seek(8 * (mesh.n_vertices * 23 + 100))
         file.write(b"1")
-    job = ExportJob(mesh, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 40, asked)
+    job = Export(mesh, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 40, asked)
     with raises("no-eigenpairs", "damaged"):
-        job.run(listener)
-    dataclasses.replace(job, n_pairs=23).run(listener)
-    result = InspectJob(mesh).run(listener)
+        job(listener)
+    dataclasses.replace(job, n_pairs=23)(listener)
+    result = prepare(mesh, listener)
     ready = result.content
     assert "eigenpairs 3 to 39" in result.remark  # all but the null space
     assert ready.known is not None
     assert len(ready.known) == 3
     np.testing.assert_array_equal(ready.known.rows, before[:3])
-    again, remark = decompose(mesh, OPERATOR, asked, listener)
+    result = decompose(mesh, OPERATOR, asked, listener)
+    again, remark = result.content, result.remark
     assert "eigenpairs 3 to 39" in remark
     assert again.complete
     np.testing.assert_array_equal(again.rows, before)
-    job.run(listener)
-    assert not decompose(mesh, OPERATOR, asked, listener)[1]
+    job(listener)
+    assert not decompose(mesh, OPERATOR, asked, listener).remark
 
 
 def test_a_damaged_file_of_eigenvalues_is_told_of_on_opening(
@@ -171,7 +166,7 @@ def test_a_damaged_file_of_eigenvalues_is_told_of_on_opening(
     known, remark = find_eigenpairs(sphere, OPERATOR, asked)
     assert known is None
     assert "all eigenpairs" in remark
-    assert InspectJob(sphere).run(listener).remark == remark
+    assert prepare(sphere, listener).remark == remark
 
 
 def test_how_far_all_pairs_are_known_is_that_of_a_threshold_alone(
@@ -195,12 +190,13 @@ def test_without_a_cache_the_session_has_a_store(
     (tmp_path / "file").touch()
     monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path / "file"))
     listener = Listener(tmp_path)
-    grew, remark = decompose(sphere, OPERATOR, Target("count", 8), listener)
+    result = decompose(sphere, OPERATOR, Target("count", 8), listener)
+    grew, remark = result.content, result.remark
     assert Path(grew.rows.filename).is_relative_to(tmp_path / "eigenpairs")
     assert "until the window is closed" in remark
-    assert len(decompose(sphere, OPERATOR, Target("count", 5), listener)[0]) == 5
-    ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 8).run(listener)
-    more, _ = decompose(sphere, OPERATOR, Target("count", 30), listener)
+    assert len(decompose(sphere, OPERATOR, Target("count", 5), listener).content) == 5
+    Export(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 8)(listener)
+    more = decompose(sphere, OPERATOR, Target("count", 30), listener).content
     assert more.complete
 
 
@@ -213,14 +209,13 @@ def test_a_cache_removed_while_computing_costs_nothing(
             shutil.rmtree(own_cache, ignore_errors=True)
 
     remover = Remover(tmp_path)
-    grew, remark = decompose(sphere, OPERATOR, Target("count", 300), remover)
+    result = decompose(sphere, OPERATOR, Target("count", 300), remover)
+    grew, remark = result.content, result.remark
     assert not list(own_cache.glob("**/*.sealed"))
     assert "until the window is closed" in remark
     assert grew.complete
     assert residuals(sphere, grew).max() < 1e-7
-    ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 300).run(
-        Listener(tmp_path)
-    )
+    Export(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 300)(Listener(tmp_path))
     # The next mesh uses the cache again.
     other = Mesh(sphere.vertices * 1.1, sphere.faces)
     assert not decompose(other, OPERATOR, Target("count", 8), Listener(tmp_path))[1]
@@ -232,7 +227,8 @@ def test_while_another_process_computes_the_same_it_is_computed_twice_and_said(
     with EigenpairStore(sphere, OPERATOR, Target("count", 20)) as busy:
         busy.lock()
         listener = Listener(tmp_path)
-        grew, remark = decompose(sphere, OPERATOR, Target("count", 20), listener)
+        result = decompose(sphere, OPERATOR, Target("count", 20), listener)
+        grew, remark = result.content, result.remark
         assert "Another process" in remark
         assert grew.complete
 
@@ -241,17 +237,19 @@ def test_read_repair_and_scale_bring_a_mesh_with_all_to_draw_it(
     neuron: Mesh, listener: Listener, tmp_path: Path
 ) -> None:
     np.savez(tmp_path / "neuron.npz", vertices=neuron.vertices, faces=neuron.faces)
-    read = ReadJob(tmp_path / "neuron.npz", "8 nm", OPERATOR).run(listener).content
+    read = prepare(tmp_path / "neuron.npz", listener, unit="8 nm", operator=OPERATOR).content
     assert read.mesh.unit == "nm"
     assert read.path == tmp_path / "neuron.npz"
     np.testing.assert_allclose(read.mesh.vertices, 8.0 * neuron.vertices)
     assert read.normals.shape == neuron.vertices.shape
-    repaired = RepairJob(read.mesh, "keep_largest_component", read.path).run(listener).content
+    repaired = prepare(
+        read.mesh, listener, path=read.path, repairs=("keep_largest_component",)
+    ).content
     assert repaired.health.n_components == 1 < read.health.n_components
     assert repaired.repairs == ("keep_largest_component",)
     decompose(neuron, OPERATOR, Target("count", 15), listener)
-    assert InspectJob(neuron).run(listener).content.known is not None
-    scaled = ScaleJob(neuron, (0.001, 0.001, 0.001), "µm").run(listener).content
+    assert prepare(neuron, listener).content.known is not None
+    scaled = prepare(neuron, listener, unit="0.001 µm").content
     assert scaled.mesh.unit == "µm"
     assert scaled.health.area == pytest.approx(1e-6 * neuron.area)
     assert scaled.known is None

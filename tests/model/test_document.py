@@ -12,7 +12,7 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import Task
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.pins import PIN_COLORS
@@ -176,13 +176,13 @@ def test_opening_restores_what_was_asked_for(document: Document, sphere: Mesh) -
     # a repair or part with Compute computes what was asked for
     document.solve.target = asked = Target("count", 20)
     repaired = replace(ready_of(sphere, "b.ply"), known=stored, derived=True)
-    tasks: list[Task] = []
-    document.work.requested.connect(tasks.append)
+    jobs: list[Job] = []
+    document.work.requested.connect(jobs.append)
     document.repair("drop_duplicate_faces", then_compute=True)
-    tasks[-1].take(repaired)
+    jobs[-1].take(repaired)
     assert document.solve.target == asked
     document.take_part(None, then_compute=True)
-    tasks[-1].take((None, stored))
+    jobs[-1].take((None, stored))
     assert document.solve.target == asked
 
 

@@ -20,16 +20,7 @@ from meshmash_viewer.health import mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import (
-    DecomposeJob,
-    InspectJob,
-    Job,
-    PreviewJob,
-    ReadJob,
-    RepairJob,
-    ScaleJob,
-    Task,
-)
+from meshmash_viewer.model.jobs import Job, Queueing
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.notices import Notice
 from meshmash_viewer.model.open_mesh import MapGrew, MeshReady
@@ -58,7 +49,7 @@ def ready(mesh: Mesh, *repairs: str, derived: bool = False) -> MeshReady:
 def requested(document: Document) -> list[Job]:
     """Jobs requested by the document."""
     jobs: list[Job] = []
-    document.work.requested.connect(lambda task: jobs.append(task.job))
+    document.work.requested.connect(jobs.append)
     return jobs
 
 
@@ -218,9 +209,7 @@ def test_undo_of_other_voxels_restores_mesh_and_spectrum(
 ) -> None:
     document.accept_spectrum(spectrum_of(sphere, 8))
     document.set_unit("8 nm")
-    scaled = requested.pop()
-    assert isinstance(scaled, ScaleJob)
-    document.accept_mesh(ready(scaled.mesh.in_voxels(scaled.voxel, scaled.unit), derived=True))
+    requested.pop().accept(ready(sphere.in_voxels((8.0, 8.0, 8.0), "nm"), derived=True))
     assert document.mesh is not None
     np.testing.assert_allclose(document.mesh.vertices, 8.0 * sphere.vertices)
     document.history.undo()
@@ -342,10 +331,7 @@ def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
     assert document.file_mesh is raw
     for repairs, mesh in (((MERGE,), merged), ((), raw)):
         document.undo_repair()
-        job = requested.pop()
-        assert isinstance(job, ScaleJob)
-        assert (job.repairs, job.mesh) == (repairs, mesh)
-        document.accept_mesh(ready(job.mesh.in_voxels(job.voxel, job.unit), *repairs, derived=True))
+        requested.pop().accept(ready(mesh, *repairs, derived=True))
         assert document.mesh.content_hash == mesh.content_hash
         assert document.ready.source == "a"
         assert document.file_mesh is raw or document.file_mesh.content_hash == raw.content_hash
@@ -420,17 +406,14 @@ def test_what_is_asked_for_carries_what_it_needs(
     document.take_mesh(sphere)
     document.repair("drop_duplicate_faces")
     document.solve.compute()
-    read, taken, repaired, computed = requested
-    assert isinstance(read, ReadJob)
-    assert (read.path, read.unit) == (Path("b.ply").absolute(), "8 nm")
-    assert isinstance(taken, InspectJob)
-    assert taken.mesh is sphere
-    assert isinstance(repaired, RepairJob)
-    assert (repaired.repair, repaired.earlier) == ("drop_duplicate_faces", ("one",))
-    assert (repaired.mesh, repaired.path) == (sphere, Path("a.ply"))
-    assert isinstance(computed, DecomposeJob)
-    assert (computed.mesh, computed.target) == (sphere, Target("count", 33))
-    assert {job.operator for job in (read, taken, repaired, computed)} == {document.solve.operator}
+    *prepared, computed = (job.work for job in requested)
+    assert [work.args for work in prepared] == [(Path("b.ply").absolute(),), (sphere,), (sphere,)]
+    read, taken, repaired = (work.keywords for work in prepared)
+    assert (read["unit"], taken["path"], repaired["path"]) == ("8 nm", None, Path("a.ply"))
+    assert (repaired["repairs"], repaired["earlier"]) == (("drop_duplicate_faces",), ("one",))
+    operator = document.solve.operator
+    assert computed.args == (sphere, operator, Target("count", 33))
+    assert [given["operator"] for given in (read, taken, repaired)] == 3 * [operator]
 
 
 def test_settings_are_told_of_when_they_change(document: Document) -> None:
@@ -448,8 +431,8 @@ def test_a_job_is_followed_from_start_to_end(document: Document, sphere: Mesh) -
     told: list[Any] = []
 
     def listen() -> None:
-        task = document.work.job
-        told.append(task and (task.job, task.progress.fraction, task.cancelling))
+        job = document.work.job
+        told.append(job and (job, job.progress.fraction, job.cancelling))
 
     document.work.changed.connect(listen)
     document.work.cancel_requested.connect(lambda: told.append("cancel"))
@@ -457,10 +440,13 @@ def test_a_job_is_followed_from_start_to_end(document: Document, sphere: Mesh) -
     document.work.progressed(Progress("slices"))
     assert told == []
     assert document.solve.can_compute
-    document.work.started(Task(PreviewJob(sphere)))
+    document.work.started(Job("Previewing", "", print, queueing=Queueing.NEWEST))
     assert document.solve.can_compute  # a preview may be stopped
-    job = DecomposeJob(sphere, document.solve.operator, document.solve.target)
-    document.work.started(Task(job))
+    requested: list[Job] = []
+    document.work.requested.connect(requested.append)
+    document.solve.compute()
+    (job,) = requested
+    document.work.started(job)
     assert not document.solve.can_compute
     document.work.progressed(Progress("slices", 0.5))
     document.work.cancel()
@@ -492,8 +478,8 @@ def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
     document.solve.seconds_rate = 10.0 / (sphere.n_vertices * (40 + 15))
     target = Target("count", 40)
     assert document.solve.expected_seconds(target) == pytest.approx(10.0)
-    tasks: list[Task] = []
-    document.work.requested.connect(tasks.append)
+    jobs: list[Job] = []
+    document.work.requested.connect(jobs.append)
     document.solve.target = target
     document.solve.compute()
 
@@ -502,7 +488,7 @@ def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
         assert document.work.job is not None
         return document.work.job.progress.remaining
 
-    document.work.started(tasks[0])
+    document.work.started(jobs[0])
     now[0] += 4.0
     assert left(Progress("operator")) == pytest.approx(6.0)
     assert left(Progress("eigenpairs", 0.5, 4.0)) == 4.0, "the work knows better"
@@ -516,12 +502,12 @@ def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
         "what was stopped tells nothing"
     )
     document.solve.compute()
-    document.work.started(tasks[1])
-    tasks[1].take(spectrum_of(sphere, 40))
+    document.work.started(jobs[1])
+    jobs[1].take(spectrum_of(sphere, 40))
     now[0] += 30.0
     document.work.ended()
     assert document.solve.expected_seconds(target) == pytest.approx(30.0)
-    document.work.started(Task(PreviewJob(sphere)))
+    document.work.started(Job("Previewing", "", print))
     assert left(Progress("preview")) is None
 
 

@@ -26,8 +26,8 @@ from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
-from meshmash_viewer.model.export import ExportJob, PinExportJob
-from meshmash_viewer.model.pieces import PiecesJob
+from meshmash_viewer.model.export import Export, PinExport
+from meshmash_viewer.model.pieces import Pieces
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigensolver import solve
@@ -52,14 +52,14 @@ def exported(
     **parameters: Any,
 ) -> dict[str, np.ndarray]:
     path, family = listener.folder / "out.npz", EXPORTS[kind].exported(**parameters)
-    ExportJob(mesh, OPERATOR, path, family, n_pairs, asked).run(listener)
+    Export(mesh, OPERATOR, path, family, n_pairs, asked)(listener)
     with np.load(path) as content:
         return dict(content)
 
 
 def test_as_many_pairs_as_asked_for_and_never_fewer(sphere: Mesh, listener: Listener) -> None:
     asked = Target("count", 20)
-    grew, _ = decompose(sphere, OPERATOR, asked, listener)
+    grew = decompose(sphere, OPERATOR, asked, listener).content
     for n_pairs in (20, 9):
         content = exported(sphere, "eigenpairs", n_pairs, listener, asked)
         about = json.loads(str(content["meta"]))["options"]
@@ -84,7 +84,7 @@ def test_pairs_of_a_cancelled_solve_make_features_too(tmp_path: Path) -> None:
 
 def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: Listener) -> None:
     asked = Target("count", 30)
-    grew, _ = decompose(sphere, OPERATOR, asked, listener)
+    grew = decompose(sphere, OPERATOR, asked, listener).content
     values, rows = grew.eigenvalues[:25], np.asarray(grew.rows)[:25]
     cases: list[tuple[str, dict[str, Any], Any]] = [
         ("hks", {"n_columns": 5}, heat_kernel_bank(hks_times(values, n_scales=5))),
@@ -119,8 +119,8 @@ def test_pins_have_the_values_of_the_features(sphere: Mesh, listener: Listener) 
     hks = EXPORTS["hks"].exported(n_columns=3)
     distances = EXPORTS["distance"].exported(vertices=(7, 300))
     path = listener.folder / "pins.csv"
-    job = PinExportJob(mesh, OPERATOR, path, pins, (hks, distances), 25, target=asked)
-    written = job.run(listener)
+    job = PinExport(mesh, OPERATOR, path, pins, (hks, distances), 25, target=asked)
+    written = job(listener)
     assert written.remark.startswith("2 pins, 13 columns, written to")
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -144,7 +144,7 @@ def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
     sphere: Mesh, listener: Listener
 ) -> None:
     asked = Target("max_eigenvalue", 19.0)
-    grew, _ = decompose(sphere, OPERATOR, asked, listener)
+    grew = decompose(sphere, OPERATOR, asked, listener).content
     assert grew.eigenvalues[-1] < 13.0
     for n_pairs, known_to in ((16, 19.0), (9, float(grew.eigenvalues[8]))):
         times = {"n_columns": 2, "t_min": 0.1, "t_max": 0.2}
@@ -165,7 +165,7 @@ def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> N
     for ending in WRITERS:
         path = tmp_path / f"out{ending}"
         family = EXPORTS["hks"].exported(n_columns=3)
-        written = ExportJob(mesh, OPERATOR, path, family, 9, maps=True).run(listener)
+        written = Export(mesh, OPERATOR, path, family, 9, maps=True)(listener)
         assert "5 columns" in written.remark
         found = read_maps(path, sphere)
         assert len(found) == 5, ending
@@ -211,7 +211,7 @@ def test_the_map_of_features_in_pieces_is_the_chosen_column(tmp_path: Path) -> N
     )
     family = EXPORTS["geometry-vectors"].exported(5, index=2)
     path = tmp_path / "out.npz"
-    PiecesJob(mesh, path, family, 3, Target("count", 30), OPERATOR, accept_seams=True).run(channel)
+    Pieces(mesh, path, family, 3, Target("count", 30), OPERATOR, accept_seams=True)(channel)
     with np.load(path) as written:
         middle = written["features"][:, 2]
     shown = np.full(mesh.n_vertices, np.nan)
@@ -236,14 +236,14 @@ def test_pieces_show_the_chosen_time_and_warn_of_large_differences(
         done(np.arange(2), np.broadcast_to(times, (2, 9)))
         return report
 
-    monkeypatch.setattr(PiecesJob, "write", write)
+    monkeypatch.setattr(Pieces, "write", write)
     sent: list[Any] = []
     channel = SimpleNamespace(report=lambda _: None, cancelled=lambda: False, send=sent.append)
     mesh = shapes.icosphere(3, radius=500.0).in_unit("nm")
     family = HeatKernelSignature(automatic=False, t_min=1e3, t_max=1e7, scales=9, time=3.5e6)
-    job = PiecesJob(mesh, tmp_path / "out.npz", family, 2, Target("count", 30), OPERATOR)
-    assert not job.run(channel).warns
+    job = Pieces(mesh, tmp_path / "out.npz", family, 2, Target("count", 30), OPERATOR)
+    assert not job(channel).warns
     assert sent[0].values == pytest.approx(times[7])
     assert sent[0].name == f"HKS, t = {format_quantity(times[7], 'nm', 2)}, in pieces"
     report["seam_largest"] = [0.004] * 8 + [0.48]
-    assert job.run(channel).warns
+    assert job(channel).warns

@@ -22,7 +22,7 @@ from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.display import Shape
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import Task
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
 from meshmash_viewer.model.open_mesh import MapGrew, Shown
 from meshmash_viewer.spectral.weyl import Target
@@ -60,11 +60,11 @@ class Walk:
         #: Changed parts of the history.
         self.changed: set[str] = set()
 
-    def _run(self, task: Task) -> None:
+    def _run(self, job: Job) -> None:
         work = self.document.work
-        work.started(task)
-        self.channel.send = task.receive
-        task.take(task.job.run(self.channel).content)
+        work.started(job)
+        self.channel.send = job.receive
+        job.take(job.work(self.channel).content)
         work.ended()
 
     def state(self) -> dict[str, Any]:

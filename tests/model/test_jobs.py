@@ -1,4 +1,4 @@
-"""Progress reports, labels and results of jobs."""
+"""Meshes that jobs prepare, and how jobs queue."""
 
 from __future__ import annotations
 
@@ -7,24 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapes
 from listeners import Listener
 
 import meshmash_viewer.io.spectrum as spectrum
 import meshmash_viewer.model.jobs as jobs
-from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.export import ExportJob
-from meshmash_viewer.model.jobs import (
-    DecomposeJob,
-    InspectJob,
-    PreviewJob,
-    ReadJob,
-    RepairJob,
-    ScaleJob,
-)
+from meshmash_viewer.model.decomposition import decompose
+from meshmash_viewer.model.jobs import Job, Queueing, prepare
 from meshmash_viewer.spectral.weyl import Target
 
 PLAIN = OperatorOptions(robust=False)
@@ -45,29 +36,29 @@ def file(sphere: Mesh, tmp_path: Path) -> Path:
 def test_a_mesh_is_read_in_the_unit_given_or_in_that_of_its_file(
     file: Path, sphere: Mesh, listener: Listener, tmp_path: Path
 ) -> None:
-    ready = ReadJob(file).run(listener).content
+    ready = prepare(file, listener).content
     assert (ready.mesh.unit, ready.mesh.name, ready.path) == ("", "ball", file)
     assert (ready.repairs, ready.derived) == ((), False)
     assert listener.reports[0].message == "Reading ball.npz"
-    assert ReadJob(file, "µm").run(listener).content.mesh.unit == "µm"
+    assert prepare(file, listener, unit="µm").content.mesh.unit == "µm"
     from nibabel.freesurfer import write_geometry
 
     surface = tmp_path / "lh.pial"
     write_geometry(str(surface), sphere.vertices, sphere.faces, create_stamp="")
-    assert ReadJob(surface).run(listener).content.mesh.unit == "mm"
-    assert ReadJob(surface, "nm").run(listener).content.mesh.unit == "nm"
+    assert prepare(surface, listener).content.mesh.unit == "mm"
+    assert prepare(surface, listener, unit="nm").content.mesh.unit == "nm"
 
 
 def test_other_voxels_and_repairs_are_derived_and_add_up(sphere: Mesh, listener: Listener) -> None:
     path = Path("ball.ply")
-    scaled = ScaleJob(sphere, (2.0, 2.0, 4.0), "nm", path, repairs=("one",)).run(listener).content
+    scaled = prepare(sphere, listener, unit="2 x 2 x 4 nm", path=path, earlier=("one",)).content
     np.testing.assert_allclose(scaled.mesh.vertices, sphere.vertices * [2.0, 2.0, 4.0])
     assert (scaled.mesh.unit, scaled.path) == ("nm", path)
     assert (scaled.repairs, scaled.derived) == (("one",), True)
     listener.reports.clear()
     name = "drop_duplicate_faces"
-    mended = RepairJob(scaled.mesh, name, path, earlier=("one",)).run(listener).content
-    assert (mended.repairs, mended.derived, mended.path) == (("one", name), True, path)
+    repaired = prepare(scaled.mesh, listener, path=path, earlier=("one",), repairs=(name,)).content
+    assert (repaired.repairs, repaired.derived, repaired.path) == (("one", name), True, path)
     assert listener.reports[0].message == REPAIRS[name].label
 
 
@@ -86,62 +77,47 @@ def test_stored_pairs_are_checked_while_the_mesh_is_measured(
         assert checking.wait(60.0), "the pairs are checked only afterwards"
         return health(mesh)
 
-    DecomposeJob(sphere, PLAIN, Target("count", 8)).run(listener)
+    decompose(sphere, PLAIN, Target("count", 8), listener)
     monkeypatch.setattr(spectrum, "find_eigenpairs", checked)
     monkeypatch.setattr(jobs, "mesh_health", measured)
-    assert len(InspectJob(sphere, PLAIN).run(listener).content.known) == 8
+    assert len(prepare(sphere, listener, operator=PLAIN).content.known) == 8
 
 
-def test_each_job_looks_for_the_pairs_of_its_own_operator(
+def test_pairs_of_the_own_operator_are_looked_up(
     file: Path, sphere: Mesh, listener: Listener
 ) -> None:
-    DecomposeJob(sphere, PLAIN, Target("count", 8)).run(listener)
-    name = "drop_duplicate_faces"
-    for job in (
-        ReadJob(file, operator=PLAIN),
-        InspectJob(sphere, PLAIN),
-        ScaleJob(sphere, (1.0, 1.0, 1.0), "", operator=PLAIN),
-        RepairJob(sphere, name, operator=PLAIN),
-    ):
-        known = job.run(listener).content.known
-        assert known is not None
-        assert len(known) == 8
-        assert known.operator == PLAIN
-    for job in (ReadJob(file), InspectJob(sphere), RepairJob(sphere, name)):
-        assert job.operator == OperatorOptions()
-        assert job.run(listener).content.known is None
+    decompose(sphere, PLAIN, Target("count", 8), listener)
+    repairs = ("drop_duplicate_faces",)
+    for source, given in (
+        (file, {}), (sphere, {}), (sphere, {"unit": "none"}), (sphere, {"repairs": repairs})
+    ):  # fmt: skip
+        known = prepare(source, listener, operator=PLAIN, **given).content.known
+        assert (len(known), known.operator) == (8, PLAIN)
+        assert prepare(source, listener, **given).content.known is None
 
 
 def test_what_is_ready_is_all_that_a_render_needs(neuron: Mesh, listener: Listener) -> None:
-    ready = InspectJob(neuron).run(listener).content
+    ready = prepare(neuron, listener).content
     np.testing.assert_array_equal(ready.normals, neuron.vertex_normals)
     np.testing.assert_array_equal(ready.sample, neuron.area_sample())
     assert ready.health.n_components == neuron.n_components
 
 
-def test_a_preview_is_made_of_large_meshes_alone(
-    sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from meshmash_viewer.model import decomposition as previews
-
-    assert PreviewJob(sphere).run(listener).content is None
-    monkeypatch.setattr(previews, "FROM_VERTICES", 1000)
-    grew = PreviewJob(shapes.rectangle(50, 50), PLAIN).run(listener).content
-    assert grew is not None
-    assert grew.preview
-    assert grew.operator == PLAIN
-    assert grew.n_exact == 0
-    assert not grew.complete
-
-
-@pytest.mark.parametrize("mesh_name", ["ball", ""])
-def test_jobs_say_what_they_are_at(sphere: Mesh, mesh_name: str) -> None:
-    mesh = Mesh(sphere.vertices, sphere.faces, name=mesh_name)
-    shown = mesh_name or "the mesh"
-    assert ReadJob(Path("folder/ball.ply")).label == "Reading ball.ply"
-    assert InspectJob(mesh).label == f"Inspecting {shown}"
-    assert ScaleJob(mesh, (1.0, 1.0, 1.0), "").label == f"Scaling {shown}"
-    assert RepairJob(mesh, "x").label == f"Repairing {shown}"
-    assert PreviewJob(mesh).label == f"Previewing {shown}"
-    assert shown in DecomposeJob(mesh, PLAIN, Target()).label
-    assert "out.npz" in ExportJob(mesh, PLAIN, Path("out.npz"), Eigenfunctions(), 5).label
+def test_a_job_replaces_all_those_of_its_kind_or_none() -> None:
+    """Pairs of running and new job, and whether the new one takes its place."""
+    read, repair = (Job(doing, "", print) for doing in ("Reading", "Repairing"))
+    preview, solve = (
+        Job(doing, "", print, queueing=Queueing.NEWEST) for doing in ("Previewing", "Decomposing")
+    )
+    export = Job("Writing", "", print, queueing=Queueing.COMPLETE)
+    jobs = read, repair, preview, solve, export
+    assert [[new.replaces(old) for old in jobs] for new in jobs] == [
+        [True, True, True, True, False],
+        [True, True, True, True, False],
+        [False, False, True, False, False],
+        [False, False, False, True, False],
+        5 * [False],
+    ]
+    assert [each.label for each in (read, Job("Writing", "a.npz", print))] == [
+        "Reading the mesh", "Writing a.npz",
+    ]  # fmt: skip

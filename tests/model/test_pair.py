@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, LiveFeatures, compute_field, request_of
-from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.limits import (
     LimitPolicy,
     LockedLimits,
@@ -54,22 +55,23 @@ COUNT = 60
 def opened(mesh: Mesh, first: Document | None = None) -> Document:
     """Return a document that decomposes its mesh at once; of the window of `first`, if given."""
     document = Document(None if first is None else first.history.of("second"))
-    document.work.requested.connect(lambda task: answer(document, task.job))
+    document.work.requested.connect(partial(answer, document))
     document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
     return document
 
 
-def answer(document: Document, job: DecomposeJob) -> None:
-    matrices = cotangent_laplacian(job.mesh, robust=True)
-    if job.target.kind == "count":
-        found = solve(*matrices, round(job.target.value))
+def answer(document: Document, job: Job) -> None:
+    mesh, operator, target = job.work.args
+    matrices = cotangent_laplacian(mesh, robust=True)
+    if target.kind == "count":
+        found = solve(*matrices, round(target.value))
         known_to = 0.0
     else:
-        found = solve(*matrices, max_eigenvalue=job.target.value)
-        known_to = job.target.value
+        found = solve(*matrices, max_eigenvalue=target.value)
+        known_to = target.value
     spectrum = Eigenpairs(
         found.eigenvalues, found.rows, found.residuals, total=len(found.eigenvalues),
-        certificate=found.certificate, operator=job.operator, mass=found.mass, known_to=known_to,
+        certificate=found.certificate, operator=operator, mass=found.mass, known_to=known_to,
     )  # fmt: skip
     document.accept_spectrum(spectrum)
 
@@ -148,7 +150,7 @@ def test_a_function_that_was_turned_round_and_moved_is_the_same_one(
     first, second = (opened(mesh) for mesh in meshes[:2])
     pair = paired(first, second)
     second.work.requested.disconnect()
-    second.work.requested.connect(lambda task: swapped(second, task.job))
+    second.work.requested.connect(partial(swapped, second))
     first.solve.target = Target("count", COUNT)
     first.solve.compute()
     functions, one = pair.comparison.functions, nearest_neighbours(first.spectrum)
@@ -165,7 +167,7 @@ def nearest_neighbours(spectrum: Eigenpairs) -> int:
     return int(np.argmin(np.diff(spectrum.eigenvalues[:20])))
 
 
-def swapped(document: Document, job: DecomposeJob) -> None:
+def swapped(document: Document, job: Job) -> None:
     """Answer with two functions exchanged and every third sign flipped."""
     answer(document, job)
     spectrum = document.spectrum
@@ -314,7 +316,7 @@ def solved(first: Mesh, second: Mesh, disturb=lambda document, job: answer(docum
     one = opened(first)
     other = opened(second, one)
     other.work.requested.disconnect()
-    other.work.requested.connect(lambda task: disturb(other, task.job))
+    other.work.requested.connect(partial(disturb, other))
     pair = paired(one, other)
     one.solve.target = Target("count", COUNT)
     one.solve.compute()
@@ -348,7 +350,7 @@ def test_functions_that_cross_are_told_where_both_meshes_are_of_one_template() -
     np.testing.assert_allclose(functions.correlations, found.correlations, atol=1e-6)
 
 
-def flipped(document: Document, job: DecomposeJob) -> None:
+def flipped(document: Document, job: Job) -> None:
     answer(document, job)
     rows = np.array(document.spectrum.rows)
     rows[::2] *= -1.0
@@ -375,7 +377,7 @@ def test_a_multiplet_is_turned_as_a_whole_to_be_that_of_the_first() -> None:
     np.testing.assert_allclose((drawn * areas) @ drawn.T, np.eye(3), atol=1e-9)
 
 
-def turned(document: Document, job: DecomposeJob) -> None:
+def turned(document: Document, job: Job) -> None:
     """Answer with the three functions of the first multiplet rotated."""
     answer(document, job)
     rows = np.array(document.spectrum.rows)

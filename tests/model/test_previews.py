@@ -12,10 +12,10 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import decomposition as previews
-from meshmash_viewer.model.decomposition import decompose
+from meshmash_viewer.model.decomposition import decompose, preview
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
-from meshmash_viewer.model.jobs import InspectJob, PreviewJob
+from meshmash_viewer.model.jobs import prepare
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.weyl import Target
 
@@ -35,12 +35,12 @@ def products(mesh: Mesh, one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def test_small_mesh_needs_no_preview(sphere: Mesh, tmp_path: Path) -> None:
-    assert PreviewJob(sphere).run(Listener(tmp_path)).content is None
+    assert preview(sphere, OperatorOptions(), Listener(tmp_path)).content is None
 
 
 def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
     listener = Listener(tmp_path)
-    grew = PreviewJob(large).run(listener).content
+    grew = preview(large, OperatorOptions(), listener).content
     assert grew is not None
     spectrum = grew
     assert spectrum.preview
@@ -48,12 +48,12 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
     assert not spectrum.is_exact(0)
     assert 0.0 < spectrum.error < 0.2
     reports = len(listener.reports)
-    again = PreviewJob(large).run(listener).content
+    again = preview(large, OperatorOptions(), listener).content
     assert again is not None
     assert len(listener.reports) == reports
     (notes,) = tmp_path.glob("preview-*.npz")
     notes.unlink()  # as if the process ended before writing the file
-    assert PreviewJob(large).run(listener).content is not None
+    assert preview(large, OperatorOptions(), listener).content is not None
     assert len(listener.reports) > reports
     request = FieldRequest(spectrum, "nm", Eigenfunctions(3))
     field = compute_field(request, LiveFeatures())
@@ -65,7 +65,7 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [30, slow(120)])
 def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count: int) -> None:
     listener = Listener(tmp_path)
-    last, _ = decompose(large, OPERATOR, Target("count", count), listener)
+    last = decompose(large, OPERATOR, Target("count", count), listener).content
     first = listener.messages[0]
     assert first.preview
     shown = np.array(first.rows)
@@ -88,7 +88,7 @@ def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count
     agreement = products(large, final.shown_rows[:common], shown[:common])
     assert np.all(agreement > 0.9)
     assert len(list(tmp_path.glob("preview-*.f32"))) == 1
-    PreviewJob(Mesh(large.vertices + 1.0, large.faces)).run(listener)
+    preview(Mesh(large.vertices + 1.0, large.faces), OperatorOptions(), listener)
     assert len(list(tmp_path.glob("preview-*.f32"))) == 1
     # the drawn rows are eigenfunctions too; features use the stored rows
     stiffness, mass = cotangent_laplacian(large, robust=True)
@@ -110,12 +110,12 @@ def test_a_preview_is_worth_it_while_it_shows_more_than_what_is_known(
     large: Mesh, sphere: Mesh, tmp_path: Path
 ) -> None:
     listener = Listener(tmp_path)
-    assert not previews.is_worthwhile(InspectJob(sphere).run(listener).content)
-    ready = InspectJob(large).run(listener).content
+    assert not previews.is_worthwhile(prepare(sphere, listener).content)
+    ready = prepare(large, listener).content
     assert ready.known is None
     assert previews.is_worthwhile(ready)
     preview = previews.open_preview(large, OPERATOR, listener)
     assert preview is not None
     for count, worthwhile in ((10, True), (len(preview), False)):
         decompose(large, OPERATOR, Target("count", count), listener)
-        assert previews.is_worthwhile(InspectJob(large).run(listener).content) is worthwhile
+        assert previews.is_worthwhile(prepare(large, listener).content) is worthwhile

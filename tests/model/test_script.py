@@ -28,16 +28,18 @@ from meshmash_viewer.io.write import unused_path
 from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.export import Export
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
-from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
+from meshmash_viewer.model.jobs import prepare
 from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral.alignment import Alignment
 from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.units import written_unit
 from meshmash_viewer.vertex_map import VertexMap
 
 pytestmark = pytest.mark.usefixtures("read_here")
 VOXEL = (4.0, 4.0, 40.0)
+LARGEST = "keep_largest_component"
 
 
 @pytest.fixture
@@ -46,12 +48,14 @@ def document(neuron: Mesh, tmp_path: Path) -> Document:
     path = tmp_path / "my neuron.npz"
     np.savez(path, vertices=neuron.vertices, faces=neuron.faces)
     document = Document()
-    document.accept_mesh(ReadJob(path, "none").run(Listener(tmp_path)).content)
+    document.accept_mesh(prepare(path, Listener(tmp_path), unit="none").content)
     before = document.ready
-    scaled = ScaleJob(before.mesh, VOXEL, "nm", before.path).run(Listener(tmp_path)).content
+    scaled = prepare(
+        before.mesh, Listener(tmp_path), unit=written_unit("nm", VOXEL), path=path
+    ).content
     document.accept_mesh(scaled)
-    repair = RepairJob(document.mesh, "keep_largest_component", document.path)
-    document.accept_mesh(repair.run(Listener(tmp_path)).content)
+    repaired = prepare(document.mesh, Listener(tmp_path), path=path, repairs=(LARGEST,))
+    document.accept_mesh(repaired.content)
     spectrum = spectrum_of(document.mesh, 30)
     areas = compute_vertex_areas(document.mesh, robust=True)
     document.accept_spectrum(replace(spectrum, operator=OperatorOptions(), mass=areas))
@@ -152,7 +156,7 @@ def test_a_map_that_is_in_no_file_is_exported_and_read_as_the_script_says(
     assert "# The map 'soma depth' is in no file as shown. Export it (File, Export," in code
     compile(code, "script", "exec")
     path = tmp_path / "maps.npz"
-    ExportJob(document.mesh, OperatorOptions(), path, None, 30).run(Listener(tmp_path))
+    Export(document.mesh, OperatorOptions(), path, None, 30)(Listener(tmp_path))
     made: dict[str, object] = {}
     with contextlib.chdir(tmp_path):
         exec(code.replace("# mesh = mesh.with", "mesh = mesh.with"), made)
@@ -163,10 +167,10 @@ def test_a_map_that_is_in_no_file_is_exported_and_read_as_the_script_says(
 
 def test_unit_text_is_what_opens_the_file_again(document: Document, tmp_path: Path) -> None:
     assert document.unit_text == "4 × 4 × 40 nm"
-    again = ReadJob(document.path, document.unit_text).run(Listener(tmp_path)).content
+    again = prepare(document.path, Listener(tmp_path), unit=document.unit_text).content
     assert again.mesh.voxel == VOXEL
     assert again.mesh.unit == "nm"
-    repair = RepairJob(again.mesh, "keep_largest_component").run(Listener(tmp_path)).content
+    repair = prepare(again.mesh, Listener(tmp_path), repairs=(LARGEST,)).content
     assert repair.mesh.content_hash == document.mesh.content_hash
     assert Document().unit_text == ""
 
@@ -174,7 +178,7 @@ def test_unit_text_is_what_opens_the_file_again(document: Document, tmp_path: Pa
 def test_mesh_in_memory_leaves_a_line_to_fill_in(sphere: Mesh, tmp_path: Path) -> None:
     document = Document()
     assert reproduction_script(document) == "import meshmash_viewer as mv\n"
-    document.accept_mesh(InspectJob(sphere).run(Listener(tmp_path)).content)
+    document.accept_mesh(prepare(sphere, Listener(tmp_path)).content)
     script = reproduction_script(document)
     assert "in memory" in script
     compile(script, "script", "exec")

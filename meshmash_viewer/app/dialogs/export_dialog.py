@@ -28,8 +28,8 @@ from meshmash_viewer.fields.family import MOST_COUNT, Family
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.io.writers import WRITERS
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import ExportJob
-from meshmash_viewer.model.pieces import LEAST, PiecesJob, in_pieces, usual_pieces
+from meshmash_viewer.model.export import Export
+from meshmash_viewer.model.pieces import LEAST, Pieces, in_pieces, usual_pieces
 from meshmash_viewer.plug_ins import known_plug_ins
 from meshmash_viewer.spectral.cost import written_bytes
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -77,7 +77,7 @@ _ROWS = " Rows contain the index of their vertex in the file."
 
 
 class ExportDialog(SaveDialog):
-    """Dialog for the parameters of an `ExportJob`, which `job` returns.
+    """Dialog for the parameters of an `Export`, which `export` returns.
 
     The document must have a mesh. The suggested file is in `folder`, with the format `ending` if
     this format can hold the columns. `shown` is the displayed field, to be exported as a map.
@@ -173,11 +173,11 @@ class ExportDialog(SaveDialog):
     def format(self) -> Format:
         return FORMATS[max(self.table.currentRow(), 0)]
 
-    def job(self) -> ExportJob:
+    def export(self) -> Export:
         mesh, family = self._mesh, self._family(self._used())
         if family is None:
             mesh = mesh.with_only_maps(*self._chosen_maps())
-        return ExportJob(
+        return Export(
             mesh,
             self._spectrum.operator or self._document.solve.operator,
             self.path,
@@ -401,10 +401,10 @@ class PiecesDialog(SaveDialog):
             f" λ = {format_quantity(top, document.unit, -2)}, the target of the Mesh panel."
         )
 
-    def job(self) -> PiecesJob:
+    def pieces(self) -> Pieces:
         document = self._document
         family = self._families[self.family_combo.currentData()]
-        return PiecesJob(
+        return Pieces(
             self._mesh, self.path, family, self.count_spin.value(), document.solve.target,
             document.solve.operator, document.repairs,
         )  # fmt: skip

@@ -32,7 +32,7 @@ from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import PinExportJob
+from meshmash_viewer.model.export import PinExport
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.quantities import parse_number, parse_whole
 from meshmash_viewer.units import NO_VOXEL, counted, format_position, format_quantity
@@ -132,7 +132,7 @@ def nearest_vertex(
 
 
 class PinExportDialog(SaveDialog):
-    """Dialog for the columns and the file of a `PinExportJob`, which `job` returns.
+    """Dialog for the columns and the file of a `PinExport`, which `export` returns.
 
     The document must have pins.
     """
@@ -168,8 +168,8 @@ class PinExportDialog(SaveDialog):
         self._arrange(("Columns", chosen))
         self._refresh_contents()
 
-    def job(self) -> PinExportJob:
-        return PinExportJob(
+    def export(self) -> PinExport:
+        return PinExport(
             self._mesh,
             self._spectrum.operator or self._document.solve.operator,
             self.path,

@@ -1,23 +1,24 @@
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapes
-from long_jobs import DyingJob, EndlessJob, FailingJob
+from long_jobs import dying, endless, failing
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.background import Tasks
+from meshmash_viewer.app.background import Jobs
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import ExportJob
-from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
+from meshmash_viewer.model.export import Export
+from meshmash_viewer.model.jobs import Job, Queueing
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.spectral.weyl import Target
 
@@ -29,7 +30,7 @@ class Session:
     """A document whose jobs are run, and its notices."""
 
     document: Document
-    tasks: Tasks
+    jobs: Jobs
     qtbot: QtBot
     notices: list[Notice] = field(default_factory=list)
 
@@ -37,7 +38,7 @@ class Session:
         self.qtbot.waitUntil(condition, timeout=_PATIENCE)
 
     def wait_until_idle(self) -> None:
-        self.wait(lambda: self.tasks.task is None and self.document.work.job is None)
+        self.wait(lambda: self.jobs.running is None and self.document.work.job is None)
 
     def last(self) -> Notice:
         return self.notices[-1]
@@ -46,11 +47,11 @@ class Session:
 @pytest.fixture
 def session(qtbot: QtBot) -> Iterator[Session]:
     document = Document()
-    session = Session(document, Tasks(document), qtbot)
+    session = Session(document, Jobs(document), qtbot)
     document.notices.shown.connect(session.notices.append)
     yield session
-    session.tasks.close()
-    assert not session.tasks.worker.folder.exists()
+    session.jobs.close()
+    assert not session.jobs.worker.folder.exists()
 
 
 @pytest.fixture
@@ -58,6 +59,11 @@ def neuron_file(neuron: Mesh, tmp_path: Path) -> Path:
     path = tmp_path / "neuron.npz"
     np.savez(path, vertices=neuron.vertices, faces=neuron.faces)
     return path
+
+
+def decomposing(mesh: Mesh, count: int) -> Job:
+    work = partial(decompose, mesh, OperatorOptions(), Target("count", count))
+    return Job("Decomposing", mesh.name, work, queueing=Queueing.NEWEST)
 
 
 def test_read_decompose_export_and_open_again(session: Session, neuron_file: Path) -> None:
@@ -73,9 +79,8 @@ def test_read_decompose_export_and_open_again(session: Session, neuron_file: Pat
     assert len(document.spectrum) == 40
     assert document.spectrum.complete
     out = neuron_file.parent / "out.npz"
-    document.work.request(
-        ExportJob(document.mesh, document.solve.operator, out, EXPORTS["hks"].exported(8), 40)
-    )
+    family = EXPORTS["hks"].exported(8)
+    document.work.write(out, Export(document.mesh, document.solve.operator, out, family, 40))
     session.wait_until_idle()
     with np.load(out) as file:
         assert file["features"].shape == (document.mesh.n_vertices, 8)
@@ -83,21 +88,6 @@ def test_read_decompose_export_and_open_again(session: Session, neuron_file: Pat
     document.open_mesh(neuron_file, "nm")
     session.wait_until_idle()
     assert len(document.spectrum) == 40
-
-
-def test_a_file_that_cannot_be_read_leaves_the_mesh_that_is_open(
-    session: Session, neuron_file: Path, tmp_path: Path
-) -> None:
-    document = session.document
-    document.open_mesh(neuron_file)
-    session.wait_until_idle()
-    mesh = document.mesh
-    (tmp_path / "empty.ply").touch()
-    document.open_mesh(tmp_path / "empty.ply")
-    session.wait_until_idle()
-    assert document.mesh is mesh
-    assert session.last().severity is Severity.ERROR
-    assert "empty.ply" in session.last().text
 
 
 @pytest.mark.slow
@@ -134,89 +124,47 @@ def test_cancelling_before_the_first_pair_says_that_there_is_none(session: Sessi
     assert session.last().text == "Cancelled before any eigenpair converged."
 
 
-def test_another_mesh_takes_the_place_of_a_running_job(session: Session, neuron_file: Path) -> None:
-    session.document.work.request(EndlessJob())
-    session.document.open_mesh(neuron_file)
-    session.wait(lambda: session.document.mesh is not None)
-    session.wait_until_idle()
-    assert not session.notices
-
-
 def test_each_requester_gets_the_end_of_its_own_job(session: Session, neuron_file: Path) -> None:
     ended: dict[str, bool] = {}
     for name in ("cancelled", "dropped", "read"):
         session.document.open_mesh(
-            neuron_file, then=lambda task, name=name: ended.update({name: task.succeeded})
+            neuron_file, then=lambda job, name=name: ended.update({name: job.succeeded})
         )
     session.wait_until_idle()
     assert ended == {"dropped": False, "cancelled": False, "read": True}
 
 
+def test_a_newer_job_replaces_waits_or_takes_its_turn(
+    session: Session, neuron: Mesh, neuron_file: Path
+) -> None:
+    """A mesh replaces a running job; a decomposition waits, unless its mesh has gone by then."""
+    document, ended = session.document, []
+
+    def then(job: Job) -> None:
+        ended.append((job.doing, job.succeeded))
+
+    document.work.request(replace(endless(), then=then))
+    document.open_mesh(neuron_file, then=then)
+    gone, lasting = decomposing(neuron, 20), decomposing(neuron, 8)
+    document.work.request(replace(gone, needed=lambda: document.mesh is None, then=then))
+    document.work.request(replace(lasting, doing="Previewing", then=then))
+    session.wait(lambda: document.mesh is not None)
+    session.wait_until_idle()
+    assert ended == [
+        ("Working", False), ("Reading", True), ("Decomposing", False), ("Previewing", True),
+    ]  # fmt: skip
+    assert not session.notices
+
+
 def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -> None:
     document = session.document
-    session.document.work.request(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
+    document.work.request(decomposing(neuron, 20))
     out = tmp_path / "pairs.npz"
-    document.work.request(ExportJob(neuron, OperatorOptions(), out, EXPORTS["eigenpairs"](), 20))
+    document.work.write(out, Export(neuron, OperatorOptions(), out, EXPORTS["eigenpairs"](), 20))
     assert "waits for" in session.last().text
     session.wait(lambda: out.exists())
     session.wait_until_idle()
     assert document.spectrum is None  # the document has not opened this mesh
-
-
-def test_every_kind_is_exported_as_the_command_line_has_it(
-    session: Session, neuron: Mesh, tmp_path: Path
-) -> None:
-    session.document.work.request(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
-    for kind, family in EXPORTS.items():
-        out = tmp_path / f"{kind}.npz"
-        given = {"vertices": [5], "measure": "biharmonic"} if kind == "distance" else {}
-        chosen = family.exported(7 if family.counted else None, **given)
-        session.document.work.request(ExportJob(neuron, OperatorOptions(), out, chosen, 20))
-        session.wait_until_idle()
-        with np.load(out) as file:
-            assert json.loads(str(file["meta"]))["options"]["kind"] == kind
-            if family.counted:
-                assert file["features"].shape == (neuron.n_vertices, 7)
-                assert family.label in session.last().text
-
-
-def test_export_of_what_was_cleared_says_so(session: Session, neuron: Mesh, tmp_path: Path) -> None:
-    session.document.work.request(
-        ExportJob(neuron, OperatorOptions(), tmp_path / "x.npz", EXPORTS["eigenpairs"](), 20)
-    )
-    session.wait_until_idle()
-    assert "compute them again" in session.last().text
-
-
-def test_decomposing_while_a_mesh_is_read_is_refused(session: Session, neuron: Mesh) -> None:
-    session.document.work.request(EndlessJob())
-    session.document.work.request(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
-    assert "not done yet" in session.last().text
-    session.document.work.cancel()
-    session.wait_until_idle()
-
-
-def test_repair_scale_and_undo(session: Session, neuron: Mesh) -> None:
-    document = session.document
-    document.take_mesh(neuron)
-    session.wait_until_idle()
-    document.solve.target = Target("count", 20)
-    document.solve.compute()
-    session.wait_until_idle()
-    spectrum = document.spectrum
-    document.repair("keep_largest_component")
-    session.wait_until_idle()
-    assert document.ready.health.n_components == 1
-    assert document.spectrum is None
-    document.undo_repair()
-    assert document.mesh.n_vertices == neuron.n_vertices
-    assert document.spectrum.rows is spectrum.rows
-    document.set_unit("µm")
-    assert document.spectrum.rows is spectrum.rows
-    document.set_unit("8 nm")
-    session.wait_until_idle()
-    assert document.mesh.unit == "nm"
-    np.testing.assert_allclose(document.mesh.vertices, 8.0 * neuron.vertices)
 
 
 def test_a_voxel_size_speaks_of_the_file_however_often_it_is_said(
@@ -306,17 +254,17 @@ def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: 
 def test_an_end_of_the_process_is_said_and_the_next_job_runs(
     session: Session, neuron_file: Path
 ) -> None:
-    fail_and_go_on(session, DyingJob(), neuron_file)
+    fail_and_go_on(session, dying(), neuron_file)
 
 
-@pytest.mark.parametrize("job", [FailingJob("input"), FailingJob("defect")])
+@pytest.mark.parametrize("job", [failing("input"), failing("defect")])
 def test_failure_is_said_and_the_next_job_runs(
-    session: Session, job: FailingJob, neuron_file: Path
+    session: Session, job: Job, neuron_file: Path
 ) -> None:
     fail_and_go_on(session, job, neuron_file)
 
 
-def fail_and_go_on(session: Session, job: DyingJob | FailingJob, neuron_file: Path) -> None:
+def fail_and_go_on(session: Session, job: Job, neuron_file: Path) -> None:
     session.document.work.request(job)
     session.wait_until_idle()
     assert session.last().severity is Severity.ERROR
@@ -347,16 +295,15 @@ def test_a_listener_that_fails_leaves_no_job_running(
 
 def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
     document = Document()
-    tasks = Tasks(document)
-    mesh = shapes.icosphere(5)
-    document.work.request(DecomposeJob(mesh, OperatorOptions(), Target("count", 1000)))
+    jobs = Jobs(document)
+    document.work.request(decomposing(shapes.icosphere(5), 1000))
     qtbot.waitUntil(
         lambda: document.work.job is not None and document.work.job.progress.total > 0,
         timeout=_PATIENCE,
     )
-    tasks.close()
-    assert not tasks.worker.folder.exists()
-    assert tasks.worker.process_id is None
+    jobs.close()
+    assert not jobs.worker.folder.exists()
+    assert jobs.worker.process_id is None
 
 
 @pytest.mark.slow
@@ -380,17 +327,15 @@ def test_compute_need_not_wait_for_a_preview_and_runs_once(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     document = session.document
-    runs: list[object] = []
-    submit = session.tasks.worker.submit
-    monkeypatch.setattr(session.tasks.worker, "submit", lambda job: (runs.append(job), submit(job)))
+    runs: list[Job] = []
+    submit = session.jobs.worker.submit
+    monkeypatch.setattr(session.jobs.worker, "submit", lambda job: (runs.append(job), submit(job)))
     document.take_mesh(shapes.rectangle(250, 250))
-    session.wait(
-        lambda: document.work.job is not None and isinstance(document.work.job.job, PreviewJob)
-    )
+    session.wait(lambda: document.work.job is not None and document.work.job.doing == "Previewing")
     assert document.solve.can_compute
     document.solve.target = Target("count", 10)
     document.solve.compute()
     document.solve.compute()
     session.wait(lambda: document.spectrum is not None and document.spectrum.complete)
     session.wait_until_idle()
-    assert sum(isinstance(job, DecomposeJob) for job in runs) == 1
+    assert sum(job.doing == "Decomposing" for job in runs) == 1
