@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.mesh import Mesh
 
+#: Arrays of eigenpairs, with a value for each, that are options in the provenance.
+_OF_PAIRS = ("eigenvalues", "mesh_errors")
+
 
 def write_features(
     path: str | Path,
@@ -55,9 +58,9 @@ def write_features(
     mesh : MeshLike
         The mesh of the features.
     eigenvalues : array_like, shape (k,), optional
-        Eigenvalues of the pairs used for the features; written to NPZ files only.
+        Eigenvalues of the pairs used for the features, an array of NPZ files.
     mesh_errors : array_like, shape (k,), optional
-        Their `Eigenpairs.mesh_errors`.
+        Their `Eigenpairs.mesh_errors`. The provenance of all formats has both.
     meta : dict, optional
         JSON-able options of the computation, or a result of `provenance`.
 
@@ -114,10 +117,9 @@ def write_eigenpairs(
     """
     mesh = as_mesh(mesh)
     decomposition = as_eigenpairs("write_eigenpairs(path, pairs, mesh)", decomposition, mesh)
-    values = {"eigenvalues": decomposition.eigenvalues}
+    extra = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
     if len(decomposition.mesh_errors):
-        values["mesh_errors"] = decomposition.mesh_errors
-    extra = {**values, "residuals": decomposition.residuals}
+        extra["mesh_errors"] = decomposition.mesh_errors
     archive = {
         **extra,
         "eigenvectors": decomposition.eigenvectors,
@@ -130,11 +132,7 @@ def write_eigenpairs(
     table = FeatureTable(
         mesh, archive, names, decomposition.eigenvectors, decomposition.eigenvalues, extra=extra
     )
-    options = {
-        "kind": "eigenpairs",
-        "proof": decomposition.proof(mesh.unit),
-        **values,
-    }
+    options = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
     write_table(path, "eigenpairs", table, options, meta)
 
 
@@ -226,12 +224,14 @@ def write_table(
     """Write a table and its provenance, to a second file for formats without metadata.
 
     The second file has the checksum of the table, as two files cannot be replaced at once. The
-    `options` describe the result; options in `meta`, which may be a provenance, take precedence.
+    `options` describe the result, with eigenvalues and errors of the pairs; options in `meta`,
+    which may be a provenance, take precedence.
     """
-    path, given = Path(path), meta or {}
+    path, given, arrays = Path(path), meta or {}, table.archive
+    of_pairs = {each: arrays[each] for each in _OF_PAIRS if np.size(arrays.get(each, ()))}
     is_provenance = {"program", "mesh", "options"} <= given.keys()
     about = dict(given) if is_provenance else provenance(table.mesh, given)
-    about["options"] = {**options, **about["options"]}
+    about["options"] = {**options, **of_pairs, **about["options"]}
     if kind in ("features", "eigenpairs", "labels"):
         about["columns"] = list(table.columns)
     if table.labels:

@@ -99,7 +99,8 @@ def read_back(path: Path) -> tuple[np.ndarray, list[str], dict[str, Any]]:
 @pytest.mark.parametrize("ending", WRITERS)
 def test_features_come_back(ending: str, mesh: Mesh, features: Features, tmp_path: Path) -> None:
     path = tmp_path / f"out{ending}"
-    write_features(path, features, mesh, eigenvalues=np.arange(5.0), meta=OPTIONS)
+    known = {"eigenvalues": np.arange(3.0), "mesh_errors": np.array([0.0, 0.01, 0.07])}
+    write_features(path, features, mesh, **known, meta=OPTIONS)
     values, columns, meta = read_back(path)
     single = ending in (".ply", ".func.gii", ".shape.gii", ".gii")
     np.testing.assert_allclose(values, features.values, rtol=1e-7 if single else 1e-15)
@@ -110,7 +111,8 @@ def test_features_come_back(ending: str, mesh: Mesh, features: Features, tmp_pat
     assert meta["mesh"]["hash"] == mesh.content_hash
     assert meta["mesh"]["unit"] == "nm"
     assert meta["mesh"]["voxel"] == [4.0, 4.0, 40.0]
-    assert meta["options"] == {"kind": "hks", "values_unit": "nm⁻²"} | OPTIONS
+    of_pairs = {name: each.tolist() for name, each in known.items()}
+    assert meta["options"] == {"kind": "hks", "values_unit": "nm⁻²"} | OPTIONS | of_pairs
     assert meta["program"].startswith("meshmash-viewer ")
     assert set(meta["versions"]) >= {"numpy", "scipy", "robust_laplacian"}
     made_at = datetime.datetime.fromisoformat(meta["created"])
