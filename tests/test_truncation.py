@@ -38,6 +38,7 @@ from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.resolution import resolution_error
 from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 from meshmash_viewer.units import NO_BREAK, plain_text
 
@@ -350,10 +351,10 @@ def test_count_and_wavelength_take_the_place_of_the_threshold(sphere):
 
 
 def test_auto_takes_as_many_pairs_as_the_shortest_time_needs(sphere, wholes):
-    times = np.geomspace(0.03, 1.0, 5)
+    times = np.geomspace(0.16, 1.0, 5)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        features = compute_hks(sphere, t_min=0.03, t_max=1.0, n_components=5, count="auto")
+        features = compute_hks(sphere, t_min=0.16, t_max=1.0, n_components=5, count="auto")
     expected = truncated_features(wholes["sphere"], heat_kernel_bank(times)).values
     np.testing.assert_allclose(np.median(features / expected, axis=0), 1.0, atol=0.02)
     assert not np.allclose(features, expected, rtol=1e-6)  # only the necessary pairs
@@ -368,12 +369,18 @@ def test_warning_says_that_the_mesh_resolves_no_further_pairs():
             compute_hks(surface, count=few, t_min=1e-3, t_max=1.0)
 
 
-def test_auto_takes_all_pairs_at_most_and_says_where_the_mesh_ends():
-    mesh = shapes.icosphere(2)
-    with pytest.warns(TruncationWarning, match="this mesh has 162 in all"):
-        features = compute_hks(mesh, t_min=1e-4, t_max=1.0, count="auto")
-    expected = compute_hks(mesh, 1e9, t_min=1e-4, t_max=1.0)
-    np.testing.assert_allclose(features, expected, rtol=1e-8)
+@pytest.mark.filterwarnings("ignore::meshmash_viewer.errors.TruncationWarning")
+def test_auto_takes_no_pairs_that_the_mesh_does_not_resolve(sphere):
+    pairs = solve(*cotangent_laplacian(sphere, robust=True), 60)
+    resolved = int((np.abs(resolution_error(sphere, pairs)) < 0.05).sum())
+    times = {"t_min": 1e-3, "t_max": 1.0, "n_components": 4}
+    with pytest.warns(TruncationWarning, match=r"4 columns.*\s%\. The mesh resolves about 3\d"):
+        features = compute_hks(sphere, count="auto", **times)
+    counts = range(resolved - 4, resolved + 5)
+    same = [np.allclose(compute_hks(sphere, count=k, **times), features) for k in counts]
+    assert sum(same) == 1
+    with pytest.warns(TruncationWarning, match="needs more than the 642 eigenpairs"):
+        compute_hks(cotangent_laplacian(sphere, robust=True), count="auto", **times)
 
 
 @pytest.mark.parametrize(

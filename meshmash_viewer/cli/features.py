@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from argparse import Namespace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +30,17 @@ from meshmash_viewer.cli.batch import (
 from meshmash_viewer.cli.outputs import folder_of, output_paths, output_remarks
 from meshmash_viewer.errors import InputError, conflicting
 from meshmash_viewer.features.sums import Features
-from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
+from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.health import median_edge_length
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import maps_alone, write_results
 from meshmash_viewer.model.pieces import Pieces, described_seams
 from meshmash_viewer.spectral.cost import check_columns
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
+from meshmash_viewer.spectral.resolution import resolved_pairs
+from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
 
 
@@ -186,26 +187,21 @@ def solved_target(
 ) -> tuple[Eigenpairs | None, Target]:
     """Return the eigenpairs of a mesh, None if the family needs none, and the target."""
     _check_room(mesh, family)
-    n, target, limit = mesh.n_vertices - len(mesh.unreferenced), options.target, ""
+    n, target = mesh.n_vertices - len(mesh.unreferenced), options.target
     if target is None:  # --count auto
-        shortest, edge = options.t_min, median_edge_length(mesh)
-        target = sufficient_target(shortest, mesh.area, n)
-        limit = mesh_limit(shortest, mesh.area, n, mesh.unit, edge)
-        if wavelength(required_eigenvalue(shortest)) < 2.0 * edge:
-            remarks.append(limit)
-    elif family.of_pairs and (target.n_components or 0) > n:
+        needed = sufficient_target(options.t_min, mesh.area, n)
+        pairs, limit = resolved_pairs(needed, mesh.area, n, partial(solved, mesh, options))
+        remarks += [limit] if limit else []
+        assert pairs.target is not None
+        return pairs, pairs.target
+    if not family.of_pairs:
+        return None, target
+    if (target.n_components or 0) > n:
         remarks.append(
             f"{target.n_components:,} eigenpairs were asked for; the mesh has {n:,}, and all of"
             " them are used."
         )
-    if not family.of_pairs:
-        return None, target
-    try:
-        return solved(mesh, options, target), target
-    except InputError as fault:
-        if not limit:
-            raise
-        raise InputError(fault.code, fault.clause, limit.removesuffix(".")) from fault
+    return solved(mesh, options, target), target
 
 
 def _check_room(mesh: Mesh, family: Family) -> None:
@@ -243,7 +239,8 @@ def computed_features(
     missing = found.truncation
     report["truncation"] = None if missing is None else missing.as_dict()
     if found.missing:
-        remarks.append(f"{found.missing}{more_pairs(pairs, family)}.")
+        remedy = more_pairs(pairs, family) if options.target is not None else ""
+        remarks.append(f"{found.missing}{remedy}.")
     remarks += found.remarks(mesh, masked=options.mask is not None)
     found = found.with_maps(mesh)
     if options.component_column:

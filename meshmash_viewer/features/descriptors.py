@@ -31,7 +31,6 @@ from meshmash_viewer.features.filters import (
 from meshmash_viewer.features.sums import accumulate_features, truncated_features
 from meshmash_viewer.features.truncation import (
     check_tail,
-    mesh_limit,
     sufficient_target,
     warn_of_open_end,
     warn_of_truncation,
@@ -48,7 +47,7 @@ from meshmash_viewer.spectral.eigensolver import (
     scratch_rows,
     solve_and_warn,
 )
-from meshmash_viewer.spectral.weyl import required_eigenvalue, weyl_eigenvalue
+from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, weyl_eigenvalue
 from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.units import whole_number
 
@@ -194,7 +193,7 @@ def compute_hks(
     count : int or "auto", optional
         Number of eigenpairs, in place of `max_eigenvalue`; at most the number of vertices. "auto"
         requires `t_min`, and uses enough pairs that the estimated truncation error of every column
-        is below 1 %.
+        is below 1 %, but none that the mesh does not resolve to 5 %.
     wavelength : float, optional
         Shortest wavelength ``2π / √λ`` to use, in unit of the mesh, in place of `max_eigenvalue`.
     tail : {None, "weyl"}
@@ -208,8 +207,8 @@ def compute_hks(
     Warns
     -----
     TruncationWarning
-        If the estimated truncation error of a column exceeds 1 %, or if "auto" used all pairs of
-        the mesh and they are not sufficient.
+        If the estimated truncation error of a column exceeds 1 %, or if "auto" used all pairs that
+        the mesh resolves, or has, and they are not sufficient.
 
     Examples
     --------
@@ -237,8 +236,7 @@ def compute_hks(
             fault = 'count="auto" takes as many eigenpairs as the shortest time needs'
             raise InputError("missing-argument", fault, "give t_min")
         refuse_two_extents(max_eigenvalue, count, wavelength)
-        target = sufficient_target(t_min, *computation.surface)
-        return computation.features(target.n_components, target.max_eigenvalue, bank, tail, t_min)
+        return computation.features(None, None, bank, tail, t_min)
     return computation.features(*chosen_extent(max_eigenvalue, count, wavelength), bank, tail)
 
 
@@ -389,10 +387,14 @@ class _Computation:
     ) -> Array:
         """Compute features, shape (n, f), and warn of their truncation error if it is known.
 
-        `time` is the shortest time if the number of pairs was chosen for it, else None.
+        `time` is the shortest time if the number of pairs is to be chosen for it, else None.
         """
         with scratch_rows(self.dtype) as allocate:
-            result = self.solve(n_components, max_eigenvalue, allocate)
+            limit = ""
+            if time is None:
+                result = self.solve(n_components, max_eigenvalue, allocate)
+            else:
+                result, limit = self._resolved(time, allocate)
             # On a piece, the first pair of the whole mesh is left out: its square is smaller.
             whole = self.mesh.first if self.drop_first and isinstance(self.mesh, Piece) else None
             start = int(self.drop_first and whole is None)
@@ -410,7 +412,7 @@ class _Computation:
                     drop_first=start == 1,
                     dtype=self.dtype,
                     tail=tail,
-                    known_to=max_eigenvalue if result.complete else None,
+                    known_to=result.known_to or None,
                 )
                 values, truncation = features.values, features.truncation
                 coefficients = made(eigenvalues)
@@ -423,22 +425,35 @@ class _Computation:
                 values -= np.outer(whole, coefficients[:, 0])
             values[result.mass == 0.0] = np.nan
             if time is not None and ended and result.eigenvalues[-1] < required_eigenvalue(time):
-                limit = f"{of_mesh(self.name)}{mesh_limit(time, *self.surface)}"
-                warnings.warn(limit, TruncationWarning, stacklevel=3)
-            limit = (
-                self._limit(result) if truncation is not None and len(truncation.flagged) else ""
-            )
+                few = f"{of_mesh(self.name)}the shortest time needs more than the"
+                few += f" {result.n_components:,} eigenpairs of this mesh."
+                warnings.warn(few, TruncationWarning, stacklevel=3)
+            if truncation is not None and len(truncation.flagged):
+                limit = limit or self._estimated(result).exhausted
         warn_of_truncation(truncation, stacklevel=4, name=self.name, limit=limit)
         return values.astype(self.dtype, copy=False)
 
-    def _limit(self, pairs: Eigenpairs) -> str:
-        """Return `Eigenpairs.exhausted`; "" for matrices."""
+    def _resolved(self, time: float, allocate: Allocate) -> tuple[Eigenpairs, str]:
+        """Compute the resolved pairs of those that a time needs, see `resolved_pairs`."""
+        from meshmash_viewer.spectral.resolution import resolved_pairs
+
+        def solve(target: Target) -> Eigenpairs:
+            found = self.solve(target.n_components, target.max_eigenvalue, allocate, 7)
+            return self._estimated(found)
+
+        target = sufficient_target(time, *self.surface)
         if self._is_matrices:
-            return ""
+            return solve(target), ""
+        return resolved_pairs(target, *self.surface, solve)
+
+    def _estimated(self, pairs: Eigenpairs) -> Eigenpairs:
+        """Return pairs with `mesh_errors`; without, for matrices."""
+        if self._is_matrices:
+            return pairs
         from meshmash_viewer.spectral.resolution import quick_error
 
         known = replace(pairs, operator=OperatorOptions(self.robust, self.mollify_factor))
-        return replace(known, mesh_errors=quick_error(as_mesh(self.mesh), known)).exhausted
+        return replace(known, mesh_errors=quick_error(as_mesh(self.mesh), known))
 
 
 def _warn_of_zeros(max_eigenvalue: float | None, result: Eigenpairs, name: str) -> None:

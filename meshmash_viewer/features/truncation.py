@@ -28,13 +28,10 @@ from meshmash_viewer.spectral.weyl import (
     TOLERANCE,
     Target,
     required_eigenvalue,
-    resolved_time,
-    wavelength,
-    wavelength_eigenvalue,
     weyl_count,
     weyl_eigenvalue,
 )
-from meshmash_viewer.units import format_number, format_quantity, format_share
+from meshmash_viewer.units import format_share
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filter_responses import TailedResponse
@@ -45,8 +42,6 @@ if TYPE_CHECKING:
 _COPIES = 1e-9
 #: Rounding error of ``m_v Σ φ_k(v)²``, which is at most 1, in units of the precision of φ.
 _ROUNDINGS = 64.0
-#: Number from which an estimated count is written with a power of ten.
-_LONG_COUNT = 1e12
 #: Vertices processed at a time: 32 columns take 4 MB.
 _VERTICES = 16384
 
@@ -295,35 +290,6 @@ def asked_target(target: Target, area: float, n_vertices: int) -> Target:
     if target.max_eigenvalue is not None:
         return Target("max_eigenvalue", target.max_eigenvalue)
     return Target("count", min(target.value, max(n_vertices, 1)))
-
-
-def mesh_limit(
-    time: float, area: float, n_vertices: int, unit: str = "", median_edge: float | None = None
-) -> str:
-    """Return a sentence that compares the pairs required for a time with the pairs of a mesh.
-
-    The shortest wave of the mesh is two median edges or, if `median_edge` is None, the wavelength
-    of the last pair by Weyl's law.
-    """
-    eigenvalue, has = required_eigenvalue(time), f"this mesh has {n_vertices:,} in all"
-    count = weyl_count(area, eigenvalue)
-    pairs = f"{count:,.0f}" if count < _LONG_COUNT else format_number(count, 3)
-    if median_edge is None:
-        limit = weyl_eigenvalue(area, n_vertices)
-    else:
-        limit = wavelength_eigenvalue(2.0 * median_edge)
-        has += f", and a median edge of {_length(median_edge, unit)}"
-    return (
-        f"The shortest time, {format_quantity(time, unit, 2, 3)}, needs waves down to "
-        f"{_length(wavelength(eigenvalue), unit)}, about {pairs} eigenpairs by Weyl's law; "
-        f"{has}, so below a time of "
-        f"about {format_quantity(resolved_time(limit), unit, 2, 3)} features are those of its "
-        "triangles rather than of the surface."
-    )
-
-
-def _length(length: float, unit: str) -> str:
-    return format_quantity(length, unit, 1, 3)
 
 
 def missing_sentence(columns: tuple[str, ...], shares: FloatArray, *, added: bool = False) -> str:

@@ -248,6 +248,7 @@ class Eigenpairs:
         return replace(
             self,
             eigenvalues=values[:count],
+            rows=self.rows[:count] if isinstance(self.rows, np.ndarray) else self.rows,
             residuals=self.residuals[:count],
             certificate=self.certificate if whole else certificate,
             mesh_errors=self.mesh_errors[:count],

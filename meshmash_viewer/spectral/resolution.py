@@ -6,6 +6,7 @@ eigenvalues with those of the surface itself: the same triangles, divided withou
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_l
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback, check_cancelled
 from meshmash_viewer.spectral.cost import check_memory, free_memory
+from meshmash_viewer.spectral.weyl import Target, Translation
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike
@@ -30,6 +32,8 @@ _COMPARED = 8
 #: Values (pairs times vertices of the divided mesh) computed in about half a minute, and the
 #: smallest number of nonzero pairs, for `affordable_pairs`.
 _VALUES, _FEWEST = 4e7, 20
+#: Number of pairs from which the number of resolved pairs is estimated.
+_PROBED = 100
 #: Values of eigenvectors in memory at a time, and number of rows transposed at a time.
 _VALUES_AT_ONCE, _ROWS = 2**24, 16
 
@@ -115,6 +119,26 @@ def affordable_pairs(n_vertices: int, eigenvalues: FloatArray) -> int:
     """Return the number of leading pairs for which `resolution_error` takes about half a minute."""
     most = max(int(_VALUES / (4 * n_vertices)), count_zeros(eigenvalues) + _FEWEST)
     return min(most, len(eigenvalues))
+
+
+def resolved_pairs(
+    target: Target, area: float, n_vertices: int, solve: Callable[[Target], Eigenpairs]
+) -> tuple[Eigenpairs, str]:
+    """Compute the pairs of a target that the mesh resolves, and if it is limited, a sentence.
+
+    `solve` returns the pairs of a target with their `mesh_errors`. It is first called for a few
+    pairs if the target has more.
+    """
+    few = Target("count", min(_PROBED, n_vertices))
+    is_long = Translation(area, n_vertices=n_vertices).count(target)[0] > few.value
+    pairs = solve(first := few if is_long else target)
+    limited, limit = pairs.within_resolution(target)
+    if limited is not None and limited != first:
+        pairs = solve(limited)
+        limit = limit and pairs.mesh_limit
+    if limit and pairs.resolvable[1] < len(pairs):
+        pairs = pairs.first(pairs.resolvable[1])
+    return pairs, limit
 
 
 def quick_error(mesh: Mesh, pairs: Eigenpairs) -> FloatArray:
