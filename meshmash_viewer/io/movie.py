@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -14,7 +15,7 @@ from meshmash_viewer.errors import InputError, package_missing, unknown_ending
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 
 Frame: TypeAlias = npt.NDArray[np.uint8]
-Add: TypeAlias = Callable[[Frame], None]
+Add: TypeAlias = Callable[[Frame], object]
 
 #: Default frame rate (1/s), and default duration (s) of a turntable movie.
 TURN_RATE, TURN_SECONDS = 25.0, 6.0
@@ -97,44 +98,32 @@ def _gif(part: Path, _size: tuple[int, int], rate: float) -> Iterator[Add]:
 @contextmanager
 def _mp4(part: Path, size: tuple[int, int], rate: float) -> Iterator[Add]:
     """Write H.264, which every browser plays."""
-    from imageio_ffmpeg import count_frames_and_secs, write_frames
+    import imageio_ffmpeg
 
-    fault = InputError(
-        "not-writable",
-        "ffmpeg cannot write this movie",
-        "write .gif, or make space on the disk",
-    )
-    count = 0
-    writer = write_frames(
-        *(str(part), size), fps=rate, codec="libx264", quality=6.5, macro_block_size=2,
-        ffmpeg_log_level="error", output_params=["-movflags", "+faststart", "-f", "mp4"],
-    )  # fmt: skip
-
-    def add(frame: Frame) -> None:
-        nonlocal count
+    width, height = size
+    frames = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {rate} -i - -an"
+    movie = "-c:v libx264 -crf 17 -pix_fmt yuv420p -movflags +faststart -f mp4 -y"
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *frames.split(), *movie.split()]
+    # Ctrl-C does not reach ffmpeg, which would end the movie
+    with subprocess.Popen(
+        [*command, str(part)],
+        stdin=subprocess.PIPE,
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        start_new_session=True,
+    ) as process:
+        assert process.stdin is not None
         try:
-            writer.send(frame)
-        except OSError:  # ffmpeg has ended, and printed why
-            raise fault from None
-        count += 1
-
-    with closing(writer):
-        writer.send(None)
-        try:
-            yield add
-        except BaseException:
-            if writer.gi_frame is not None:  # ffmpeg would write the rest of its file first
-                process = writer.gi_frame.f_locals["p"]
-                process.kill()
-                with suppress(OSError):  # the pipe is broken
-                    process.stdin.close()
-            raise
-    try:
-        written, _ = count_frames_and_secs(str(part))
-    except RuntimeError:  # the file is no movie
-        written = 0
-    if written != count:
-        raise fault
+            yield process.stdin.write
+            process.stdin.close()
+        except BaseException as fault:
+            process.kill()  # it would write the rest of its file first
+            with suppress(OSError):  # the pipe is broken
+                process.stdin.close()
+            if not isinstance(fault, OSError):
+                raise
+    if process.returncode:  # it has printed why
+        fault = "ffmpeg cannot write this movie"
+        raise InputError("not-writable", fault, "write .gif, or make space on the disk")
 
 
 _WRITERS: dict[str, Callable[[Path, tuple[int, int], float], AbstractContextManager[Add]]] = {

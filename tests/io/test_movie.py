@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import gc
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -111,7 +110,6 @@ def test_without_ffmpeg_there_is_no_mp4(monkeypatch: pytest.MonkeyPatch) -> None
     check_movie("film.gif", (64, 64), 10.0)
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")  # imageio-ffmpeg leaves the pipe open
 @pytest.mark.parametrize("reads", ["exit", "cat > /dev/null; exit"])
 def test_an_ffmpeg_that_fails_is_a_sentence_and_no_file(
     reads: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -129,4 +127,3 @@ def test_an_ffmpeg_that_fails_is_a_sentence_and_no_file(
     with raises("not-writable"):
         written(folder / "film.mp4", 60, 10.0)
     assert not list(folder.iterdir())
-    gc.collect()
