@@ -15,13 +15,11 @@ from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS, FAMILIES, FEATURES
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.distances import Distances
-from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import LiveFeatures
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
@@ -57,14 +55,6 @@ def test_the_curve_of_a_band_ends_where_its_support_does(spectrum: Eigenpairs) -
         band = replace(family, index=index)
         curve, _ = band.response(spectrum, spectrum.eigenvalues).curve
         assert (curve[0], curve[-1]) == pytest.approx(band.support(spectrum))
-
-
-def test_a_profile_is_drawn_as_far_as_values_have_come(spectrum: Eigenpairs) -> None:
-    profile = Eigenfunctions().profile(spectrum, "")
-    assert profile is not None
-    places, values = profile.dots.values(spectrum.rows[:7, 3])
-    assert len(places) == len(values) == 7
-    np.testing.assert_allclose(np.abs(values), np.abs(spectrum.rows[:7, 3]))
 
 
 def test_a_table_lets_go_of_the_rows_it_was_made_from(spectrum: Eigenpairs) -> None:
@@ -151,36 +141,12 @@ def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Eigenpairs) ->
             assert np.abs(bank(fine)[band][outside]).max(initial=0.0) < 1e-12
 
 
-def test_the_profile_of_eigenfunctions_is_their_values_as_shown(spectrum: Eigenpairs) -> None:
-    chosen, vertex = Eigenfunctions(flipped=frozenset({6})), 77
-    profile = chosen.profile(spectrum, "")
-    assert profile is not None
-    places, heights = profile.dots.values(spectrum.rows[:20, vertex])
-    wanted = spectrum.rows[:20, vertex].copy()
-    wanted[6] *= -1.0
-    np.testing.assert_allclose(heights, wanted[: len(heights)])
-    assert len(places) == len(heights) >= 20
-
-
 def test_a_time_outside_the_range_is_forgotten_and_one_inside_kept(spectrum: Eigenpairs) -> None:
     low, high = HeatKernelSignature().range(spectrum)
     for time in (low, 0.5 * (low + high), high):
         assert HeatKernelSignature(time=time).within(spectrum).time == time
     for time in (0.9 * low, 1.1 * high):
         assert HeatKernelSignature(time=time).within(spectrum).time is None
-
-
-def test_axes_name_their_units(spectrum: Eigenpairs) -> None:
-    assert HeatKernelSignature().profile(spectrum, "nm").axes == ("Time t (nm²)", "HKS (nm⁻²)")
-    assert WaveKernelSignature().axes("nm") == ("Energy ln λ, λ in nm⁻²", "WKS (nm⁻²)")
-    assert WaveKernelSignature().axes("") == ("Energy ln λ", "WKS")
-
-
-def test_an_energy_at_no_eigenvalue_is_the_lowest(spectrum: Eigenpairs) -> None:
-    chosen = WaveKernelSignature().step(spectrum, 7)
-    assert chosen.at_eigenvalue(spectrum, 0.0).place(spectrum) == pytest.approx(
-        chosen.step(spectrum, -1000).place(spectrum)
-    )
 
 
 def test_a_table_of_fewer_pairs_serves_until_the_next_is_built(spectrum: Eigenpairs) -> None:

@@ -9,7 +9,6 @@ import pytest
 from solved import spectrum_of
 
 import meshmash_viewer as mv
-from meshmash_viewer.features.filters import band_pass_bank, low_pass_bank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.live_tables import build_pair_table
@@ -135,17 +134,6 @@ def test_every_ready_filter_says_what_truncation_costs_it(spectrum: Eigenpairs, 
     assert bank.tail is not None
     assert (bank(spectrum.eigenvalues) >= 0.0).all()
     assert len(spectrum.missing_shares(bank, 3.0)) == 1
-
-
-def test_bands_and_steps_are_integrated_exactly(spectrum: Eigenpairs) -> None:
-    last = float(spectrum.eigenvalues[-1])
-    low, high = 0.5 * last, 1.0001 * last
-    band = Filters(READY["Band-pass"]).with_values(a=low, b=high).bank(spectrum.eigenvalues)
-    step = Filters(READY["Low-pass"]).with_values(c=high).bank(spectrum.eigenvalues)
-    for ready, exact in ((band, band_pass_bank(low, high)), (step, low_pass_bank(high))):
-        assert spectrum.missing_shares(ready, 3.0) == spectrum.missing_shares(exact, 3.0)
-    turned = Filters(READY["Band-pass"]).with_values(a=high, b=low).bank(spectrum.eigenvalues)
-    assert not turned(spectrum.eigenvalues).any()
 
 
 def test_the_script_of_many_columns_makes_the_bank_of_the_export(spectrum: Eigenpairs) -> None:

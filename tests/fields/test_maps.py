@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import gc
 import warnings
 from dataclasses import dataclass, replace
-from weakref import ReferenceType, ref
 
 import numpy as np
 import pytest
-import shapes
 from faults import raises
 from solved import spectrum_of
 
@@ -168,15 +165,6 @@ def test_a_profile_is_what_each_pair_adds(spectrum: Eigenpairs) -> None:
     assert parts.sum() == pytest.approx(values[77], rel=1e-5)
 
 
-def test_a_map_goes_with_a_repair() -> None:
-    both = shapes.three_spheres()
-    marked = both.with_maps(mv.VertexMap("index", np.arange(both.n_vertices)))
-    left = mv.largest_component(marked)
-    bare = Eigenpairs.without_pairs(left)
-    index = shown(bare, chosen="index").astype(int)
-    np.testing.assert_array_equal(both.vertices[index], left.vertices)
-
-
 def test_labels_are_not_summed_over_pairs(rectangle: Mesh) -> None:
     labels = Label(0, "left", "#d01010"), Label(1, "right", "#1010d0")
     mesh = rectangle.with_maps(VertexMap("halves", rectangle.vertices[:, 0] > 1, labels=labels))
@@ -246,27 +234,3 @@ def test_sums_of_one_map_are_not_shown_for_another(spectrum: Eigenpairs) -> None
     table = one.prepare(spectrum, None)
     assert one.compute(spectrum, table) is not None
     assert other.compute(spectrum, table) is None
-
-
-def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(
-    spectrum: Eigenpairs,
-) -> None:
-    chosen = replace(OwnMaps(), chosen="height", pairs=7)
-    assert chosen.resolved(spectrum, CHOSEN).describe(spectrum, "mm").caption == "height"
-    summed = replace(chosen, view="pairs").resolved(spectrum, CHOSEN)
-    assert "from 7 pairs" in summed.describe(spectrum, "mm").caption
-
-
-@pytest.mark.slow
-def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: Eigenpairs) -> None:
-    def use() -> ReferenceType[Mesh]:
-        mesh = replace(rectangle).with_maps(VertexMap("height", rectangle.vertices[:, 0]))
-        known = replace(spectrum_of(rectangle, 60), rows=pairs.rows, mass=pairs.mass, mesh=mesh)
-        family = replace(OwnMaps(), chosen="height", view="pairs").resolved(known, CHOSEN)
-        family.prepare(known, None)
-        assert family.map_spectrum(known) is not None
-        return ref(mesh)
-
-    mesh = use()
-    gc.collect()
-    assert mesh() is None

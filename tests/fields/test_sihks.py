@@ -29,16 +29,6 @@ def test_a_copy_of_another_size_has_equal_features(rectangle: Mesh, factor: floa
     assert np.ptp(here[:, 1]) > 0.05 * here[:, 1].mean(), "they differ between vertices"
 
 
-@pytest.mark.parametrize("factor", [1e-9, 0.3, 7.7])
-def test_scaled_pairs_give_equal_values_to_rounding(rectangle: Mesh, factor: float) -> None:
-    spectrum = spectrum_of(rectangle, 60)
-    scaled = Eigenpairs(
-        spectrum.eigenvalues / factor**2, spectrum.rows / factor, spectrum.residuals
-    )
-    family = ScaleInvariantHKS()
-    np.testing.assert_allclose(family.columns(scaled), family.columns(spectrum), rtol=1e-6)
-
-
 def test_values_are_the_integral(rectangle: Mesh) -> None:
     pairs, vertex = solved(rectangle, 40), 77
     values, squares = pairs.eigenvalues, pairs.rows[:, vertex] ** 2
@@ -57,12 +47,6 @@ def test_values_are_the_integral(rectangle: Mesh) -> None:
             for wave in (np.cos, np.sin)
         ]
         assert value == pytest.approx(np.hypot(*parts), rel=1e-4)
-
-
-def test_more_frequencies_leave_the_first_ones(rectangle: Mesh) -> None:
-    pairs = solved(rectangle, 40)
-    few, many = (scale_invariant_hks(pairs, count).values for count in (6, 40))
-    np.testing.assert_allclose(many[:, :6], few, rtol=1e-4)
 
 
 def test_a_row_is_computed_as_the_field_that_is_shown(rectangle: Mesh) -> None:

@@ -35,15 +35,6 @@ def test_values_are_those_of_aubry_2011(rectangle: Mesh) -> None:
     assert (described.title, described.unit("nm")) == ("Wave kernel signature", "nm⁻²")
 
 
-def test_a_larger_mesh_has_the_same_signature_at_lower_energies(rectangle: Mesh) -> None:
-    spectrum = spectrum_of(rectangle, 60)
-    large = Eigenpairs(spectrum.eigenvalues / 100.0, spectrum.rows / 10.0, spectrum.residuals)
-    chosen = WaveKernelSignature(index=20)
-    assert chosen.place(spectrum) - chosen.place(large) == pytest.approx(np.log(100.0))
-    here, there = chosen.compute(spectrum, None), chosen.compute(large, None)
-    np.testing.assert_allclose(100.0 * there.values, here.values, rtol=1e-5)
-
-
 def test_without_two_eigenvalues_above_zero_there_is_no_response() -> None:
     for values in ([0.0], [0.0, 2.0], [0.0, 2.0, 2.0]):
         rows = np.ones((len(values), 4))

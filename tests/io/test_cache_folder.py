@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import platformdirs
@@ -78,9 +76,3 @@ def test_a_home_and_a_relative_folder_are_followed(
 def test_the_log_of_defects_goes_along(own_cache: Path) -> None:
     assert str(own_cache / "log") in report_defect(KeyError("lost"))
     assert len(list((own_cache / "log").glob("defect-*.txt"))) == 1
-
-
-def test_child_processes_of_the_tests_have_a_folder_of_the_test(own_cache: Path) -> None:
-    code = "from meshmash_viewer.io.cache import default_cache_folder as f; print(f())"
-    said = subprocess.check_output([sys.executable, "-c", code], text=True)
-    assert Path(said.strip()) == own_cache / "eigenpairs"

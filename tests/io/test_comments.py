@@ -100,15 +100,6 @@ def test_comments_of_others_are_left_alone(meta: str, tmp_path: Path) -> None:
     assert read_mesh(path).unit == ""
 
 
-def test_an_obj_has_short_lines_too(tmp_path: Path) -> None:
-    path = tmp_path / "ball.obj"
-    write_mesh(path, MESH, {"formula": "a b " * 900})
-    lines = path.read_text(encoding="ascii").splitlines()
-    assert max(map(len, lines)) <= 500
-    said = stated_comment(line.removeprefix("# ") for line in lines if line.startswith("# "))
-    assert json.loads(said)["options"]["formula"] == "a b " * 900
-
-
 def test_any_text_is_one_again() -> None:
     rng = np.random.default_rng(0)
     for length in (0, 1, 470, 480, 481, 482, 2000):

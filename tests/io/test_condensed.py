@@ -13,7 +13,6 @@ import shapes
 from faults import raises
 
 import meshmash_viewer as mv
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.condensed import labelled_domains
 from meshmash_viewer.pieces import (
     condense_mesh_to_graph,
@@ -29,7 +28,6 @@ from meshmash_viewer.surface.edges import region_graph
 from meshmash_viewer.vertex_map import MOST_LABELS
 
 BALL = shapes.icosphere(2)
-N = BALL.n_vertices
 #: Four domains; vertices outside all domains have the label -1.
 LABELS = np.digitize(BALL.vertices[:, 2], [-0.5, 0.0, 0.5]).astype(np.int32)
 LABELS[BALL.vertices[:, 0] > 0.9] = -1
@@ -209,15 +207,6 @@ def test_a_file_of_features_is_one_of_maps_and_of_a_label_set(tmp_path: Path) ->
     for first, second in BALL.faces[:, [0, 1]]:
         a, b = domains.values[first], domains.values[second]
         assert a == b or not a or not b or colors[a] != colors[b]
-
-
-def test_a_file_of_another_mesh_or_without_its_header_is_refused(tmp_path: Path) -> None:
-    path = by_hand(tmp_path / "hand.npz")
-    with pytest.raises(InputError, match=f"{N} values and the mesh 42 vertices"):
-        mv.read_maps(path, shapes.icosphere(1))
-    (tmp_path / "header.txt").unlink()
-    with raises("file-not-found"):
-        mv.read_maps(path, BALL)
 
 
 def test_regions_that_touch_are_connected_from_their_middles() -> None:

@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from faults import raises
 
-from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.formats.brain import freesurfer_label
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk
-from meshmash_viewer.io.raw import RawMesh
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.mesh import Mesh
 
 VERTICES = "0.25 0.5 10.125\n12.5 0.25 0.75\n1.5 22.75 0.625\n1.125 2.25 13.375\n"
 #: Twelve unused vertices, so that the last index has two digits, of which the first is valid, too.
@@ -37,14 +35,6 @@ TEXTS = {
     "faces_last.ply": f"{PLY}{PLY_VERTEX}{PLY_FACE}end_header\n{POINTS}{FACES}",
     "vertices_last.ply": f"{PLY}{PLY_FACE}{PLY_VERTEX}end_header\n{FACES}{POINTS}",
 }
-LEGACY = (
-    "# vtk DataFile Version 3.0\na sheet\nASCII\nDATASET POLYDATA\nPOINTS 16 float\n"
-    f"{POINTS}POLYGONS 4 16\n{FACES}"
-)
-
-
-def content(mesh: Mesh | RawMesh) -> tuple[object, object]:
-    return mesh.vertices.tolist(), mesh.faces.tolist()
 
 
 @pytest.mark.parametrize("name", TEXTS)
@@ -70,23 +60,6 @@ def test_a_whole_text_has_no_remark(name: str, end: str, tmp_path: Path) -> None
     for text in (TEXTS[name], TEXTS[name].removesuffix("\n")):
         (tmp_path / name).write_bytes(text.replace("\n", end).encode())
         read_mesh(tmp_path / name)  # a warning would be an error
-
-
-@pytest.mark.parametrize("end", ["# group 2 of 1", "usemtl gre", "f 1 2"])
-def test_a_cut_within_another_line_of_an_obj_is_said(end: str, tmp_path: Path) -> None:
-    path = tmp_path / "mesh.obj"
-    path.write_text(TEXTS["faces_last.obj"] + end)
-    with pytest.warns(MeshWarning, match="ends within a line"):
-        read_mesh(path)
-
-
-def test_a_legacy_vtk_text_needs_its_numbers_but_no_line_end(tmp_path: Path) -> None:
-    path = tmp_path / "mesh.vtk"
-    path.write_text(LEGACY[:-1])
-    assert read_legacy_vtk(path).remarks == ()
-    path.write_text(LEGACY[: LEGACY.rindex(" ")])
-    with raises("not-readable"):
-        read_legacy_vtk(path)
 
 
 def test_a_binary_body_needs_no_line_end(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +18,9 @@ from nibabel.freesurfer import write_geometry
 
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.features.sums import Features
-from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import write_features, write_mesh
-from meshmash_viewer.io.writers import MESH_WRITERS
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.structures import STRUCTURES, named_structure, structure_of_file
 
@@ -107,10 +104,6 @@ OPENED = [
 ]
 
 
-def test_every_format_of_meshes_is_opened() -> None:
-    assert {ending for _, ending in OPENED} == set(MESH_WRITERS) - {".npz"}
-
-
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize(("program", "ending"), OPENED)
 def test_a_mesh_opens(program: str, ending: str, tmp_path: Path) -> None:
@@ -121,18 +114,6 @@ def test_a_mesh_opens(program: str, ending: str, tmp_path: Path) -> None:
     assert n_vertices in (MESH.n_vertices, 3 * MESH.n_faces if ending == ".stl" else 0)
     if area is not None:
         assert area == pytest.approx(MESH.area, rel=1e-5)
-
-
-@pytest.mark.filterwarnings("default")
-@pytest.mark.parametrize("program", ["MeshLab", "VTK", "plyfile", "trimesh"])
-def test_a_ply_with_32_columns_opens(program: str, tmp_path: Path) -> None:
-    path = tmp_path / "ball.ply"
-    write_features(path, Features(VALUES, COLUMNS), MESH, meta={"formula": "exp(-t l) " * 600})
-    assert PROGRAMS[program][0](path)[:2] == (MESH.n_vertices, MESH.n_faces)
-    if program == "plyfile":
-        vertex = pytest.importorskip("plyfile").PlyData.read(str(path))["vertex"]
-        names = [each.name for each in vertex.properties][3:]
-        np.testing.assert_array_equal([vertex[each] for each in names], np.float32(VALUES.T))
 
 
 @pytest.mark.parametrize("ending", [".func.gii", ".shape.gii", ".gii"])
@@ -146,29 +127,6 @@ def test_gifti_features_have_their_intent_and_structure(ending: str, tmp_path: P
     np.testing.assert_array_equal([each.data for each in image.darrays], np.float32(VALUES.T))
     write_features(path, Features(VALUES, COLUMNS), replace(MESH, structure=""))
     assert "AnatomicalStructurePrimary" not in nibabel.load(path).meta  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize(
-    ("name", "structure", "said"),
-    [
-        ("thickness.shape.gii", "CortexRight", "it states CortexRight"),
-        ("rh.thickness.func.gii", "", "by its name"),
-        ("thickness.func.gii", "CortexLeft", ""),
-        ("thickness.func.gii", "", ""),
-    ],
-)
-def test_a_map_of_the_other_hemisphere_is_said_to_be(
-    name: str, structure: str, said: str, tmp_path: Path
-) -> None:
-    path = tmp_path / name
-    values = Features(VALUES[:, :1], COLUMNS[:1])
-    write_features(path, values, replace(MESH, structure=structure))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        read_maps(path, MESH)
-    texts = [str(each.message) for each in caught]
-    wanted = [f"{path} is of the other hemisphere than ball: {said}."] if said else []
-    assert texts == wanted
 
 
 def test_workbench_merges_what_is_of_one_structure(tmp_path: Path) -> None:

@@ -115,14 +115,6 @@ def test_one_label_of_freesurfer(tmp_path: Path) -> None:
     assert found.mask().sum() == len(inside)
 
 
-def test_equal_colours_stay_apart_in_an_annotation(tmp_path: Path) -> None:
-    same = tuple(replace(label, color="#000000") for label in LABELS[:3])
-    mv.write_labels(tmp_path / "lh.same.annot", replace(SET, labels=same), MESH)
-    found = mv.read_labels(tmp_path / "lh.same.annot", MESH)
-    assert names(found) == names(SET)
-    assert [label.color for label in found.labels] == ["#000001", "#000002", "#000003"]
-
-
 @pytest.mark.parametrize("ending", [".label.gii", ".annot", ".csv", ".npz", ".ply"])
 def test_after_a_repair_labels_are_those_of_the_file(ending: str, tmp_path: Path) -> None:
     loose = mv.Mesh(np.vstack([[9.0, 9.0, 9.0], MESH.vertices]), MESH.faces + 1)

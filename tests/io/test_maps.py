@@ -211,14 +211,6 @@ def test_the_transparent_label_0_of_workbench_is_none(tmp_path: Path) -> None:
     assert np.array_equal(np.nan_to_num(found.values), PARTS)
 
 
-def test_a_label_is_the_vertices_that_it_names(tmp_path: Path) -> None:
-    path = tmp_path / "lh.cortex.label"
-    write_label(path, N - 1)
-    (found,) = read_maps(path, MESH)
-    np.testing.assert_array_equal(np.flatnonzero(found.values), [3, 8, N - 1])
-    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(found.shown)), [3, 8, N - 1])
-
-
 def test_our_own_features_come_back_as_maps(tmp_path: Path) -> None:
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.io.write import write_features
@@ -252,7 +244,7 @@ def test_a_packed_table_has_the_units_of_the_file_next_to_it(tmp_path: Path) -> 
         read_maps(packed, MESH)
 
 
-@pytest.mark.parametrize("n_maps", [1, 5, 41, 100])
+@pytest.mark.parametrize("n_maps", [1, 41, 100])
 def test_maps_in_the_rows_of_an_array(n_maps: int, tmp_path: Path) -> None:
     rows = np.arange(float(n_maps * N)).reshape(n_maps, N).astype(np.float32)
     gifti(tmp_path / "bold.func.gii", "NIFTI_INTENT_TIME_SERIES", rows)
@@ -268,23 +260,6 @@ def test_maps_in_the_rows_of_an_array(n_maps: int, tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         [each.values for each in read_maps(tmp_path / "bold.func.gii", large)], rows
     )
-
-
-@pytest.mark.parametrize(
-    ("given", "name"),
-    [
-        ("/data/s1/surf/lh.sulc", "lh.sulc"), ("C:\\data\\lh.sulc", "lh.sulc"),
-        ("surf/rh.area.pial", "rh.area.pial"), ("../maps/depth.csv", "depth.csv"),
-        ("~/depth", "depth"), ("maps/s1.L.sulc.shape.gii", "s1.L.sulc.shape.gii"),
-        ("1/mm", "1/mm"), ("grey/white ratio", "grey/white ratio"), ("/", "/"),
-    ],
-)  # fmt: skip
-def test_a_path_in_the_place_of_a_name_is_shortened(given: str, name: str, tmp_path: Path) -> None:
-    array = GiftiDataArray(VALUES.astype(np.float32), intent="NIFTI_INTENT_SHAPE")
-    array.meta["Name"] = given
-    path = tmp_path / "depth.shape.gii"
-    path.write_bytes(GiftiImage(darrays=[array]).to_bytes())
-    assert [each.name for each in read_maps(path, MESH)] == [name]
 
 
 @pytest.mark.parametrize(
@@ -503,23 +478,7 @@ def test_a_map_is_of_its_mesh() -> None:
     assert not VertexMap("parts", np.arange(-1, 2), (Label(-1, "a", "#000000"),)).signed
 
 
-def test_arrays_without_a_name_have_that_of_the_file(tmp_path: Path) -> None:
-    arrays = [
-        GiftiDataArray((VALUES + at).astype(np.float32), intent="NIFTI_INTENT_TIME_SERIES")
-        for at in range(2)
-    ]
-    GiftiImage(darrays=arrays).to_filename(tmp_path / "rest.func.gii")
-    found = read_maps(tmp_path / "rest.func.gii", MESH)
-    assert [each.name for each in found] == ["rest.func.gii 0", "rest.func.gii 1"]
-
-
-def test_maps_in_the_rows_of_an_array_are_read(tmp_path: Path) -> None:
-    sphere = shapes.icosphere(2)
-    height = sphere.vertices[:, 2]
-    np.savez(path := tmp_path / "rows.npz", both=np.stack([height, -height]))
-    found = read_maps(path, sphere)
-    assert [each.name for each in found] == ["both 0", "both 1"]
-    np.testing.assert_array_equal(found[1].values, -height)
-    np.savez(path, wide=np.ones((162, 65)))
+def test_an_array_of_too_many_columns_is_no_map(tmp_path: Path) -> None:
+    np.savez(path := tmp_path / "rows.npz", wide=np.ones((162, 65)))
     with raises("no-values", "an array wide of 65 columns, of which 64 can be taken"):
-        read_maps(path, sphere)
+        read_maps(path, shapes.icosphere(2))

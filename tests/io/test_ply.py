@@ -10,7 +10,6 @@ from faults import raises
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.features.sums import Features
-from meshmash_viewer.io.raw import MOST_MAPS
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import write_features
 from meshmash_viewer.mesh import Mesh
@@ -62,25 +61,6 @@ def write_text(path: Path, header: str, body: str) -> Path:
 
 VERTEX = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
 SQUARE = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
-
-
-@pytest.mark.filterwarnings("ignore:.* values of its faces 'quality', 'flags', which are left out")
-def test_lists_of_differing_length_beside_other_properties(tmp_path: Path) -> None:
-    header = (
-        VERTEX + "element face 2\nproperty float quality\n"
-        "property list uchar int flags\nproperty list uchar int vertex_indices\n"
-    )
-    body = SQUARE + "0.5 1 7 3 0 1 2\n0.25 2 7 8 4 0 1 2 3\n"
-    mesh = read_mesh(write_text(tmp_path / "mesh.ply", header, body))
-    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 1, 2], [0, 2, 3]])
-    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-
-
-def test_the_largest_polygon_may_come_first(tmp_path: Path) -> None:
-    header = VERTEX + "element face 3\nproperty list uchar int vertex_indices\n"
-    body = SQUARE + "4 0 1 2 3\n3 0 1 2\n3 0 2 3\n"
-    mesh = read_mesh(write_text(tmp_path / "mesh.ply", header, body))
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3]]
 
 
 @pytest.mark.filterwarnings("ignore:.* values of its faces 'first', 'last', which are left out")
@@ -235,18 +215,6 @@ def test_a_text_body_of_more_or_less_is_refused(
         read_mesh(write_text(tmp_path / "mesh.ply", header, body))
 
 
-def test_longer_rows_of_many_faces_are_all_read(tmp_path: Path) -> None:
-    import trimesh
-
-    ball = trimesh.creation.icosphere(1)
-    header = VERTEX.replace("4", "42") + FACE.replace("2", "80")
-    rows = "".join("{} {} {}\n".format(*point) for point in ball.vertices.tolist())
-    for more in (" 1 0", " 255 255 255", " 3 4 5 6"):
-        body = rows + "".join("3 {} {} {}{}\n".format(*face, more) for face in ball.faces.tolist())
-        mesh = read_mesh(write_text(tmp_path / "ball.ply", header, body))
-        np.testing.assert_array_equal(mesh.faces, ball.faces)
-
-
 def binary_square(order: str, after_row: bytes = b"", end: str = "\n") -> bytes:
     kind = "binary_little_endian" if order == "<" else "binary_big_endian"
     header = f"ply\nformat {kind} 1.0\ncomment end_header\n{VERTEX}{FACE}end_header\n"
@@ -299,15 +267,6 @@ def test_lists_of_vertices_become_maps_or_are_said(tmp_path: Path) -> None:
     with pytest.warns(MeshWarning, match="has lists of different lengths 'w', which are left out"):
         mesh = read_mesh(path)
     assert [each.name for each in mesh.maps] == ["h"]
-
-
-def test_columns_beyond_the_limit_are_said(tmp_path: Path) -> None:
-    path, count = tmp_path / "mesh.ply", MOST_MAPS + 2
-    header = VERTEX + "".join(f"property float f{at}\n" for at in range(count)) + FACE
-    body = longer(SQUARE, " ".join(map(str, range(count)))) + FACES
-    with pytest.warns(MeshWarning, match=f"has 2 of {count} columns of numbers beyond"):
-        mesh = read_mesh(write_text(path, header, body))
-    assert len(mesh.maps) == MOST_MAPS
 
 
 def test_values_of_faces_are_named_but_no_colours(tmp_path: Path) -> None:

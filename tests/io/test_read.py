@@ -21,10 +21,8 @@ from mesh_files import (
     same_surface,
     write_freesurfer,
     write_freesurfer_text,
-    write_gifti,
     write_meshparty,
     write_obj,
-    write_ply,
     write_text_ply,
     write_vtk,
 )
@@ -32,7 +30,7 @@ from tiers import slow, slow_unless
 
 from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.maps import is_map_file, read_maps
-from meshmash_viewer.io.read import READABLE_ENDINGS, READERS, mesh_name, read_mesh
+from meshmash_viewer.io.read import READABLE_ENDINGS, mesh_name, read_mesh
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.units import Voxel
@@ -70,12 +68,6 @@ def test_gzipped_files_read_the_same(name: str, tmp_path: Path) -> None:
     mesh = read_mesh(packed)
     assert same_surface(mesh, VERTICES, FACES)
     assert mesh.name == mesh_name(plain)
-
-
-def test_every_ending_is_tried() -> None:
-    tried = {Path(name).suffix for name in WRITERS}
-    elsewhere = READERS[".pial"], READERS[".meshlink"]
-    assert tried >= {ending for ending in READERS if READERS[ending] not in elsewhere}
 
 
 @pytest.mark.usefixtures("read_here")
@@ -191,12 +183,6 @@ def test_unit_multiplies_voxels_and_is_carried(
 
 
 @pytest.mark.usefixtures("read_here")
-def test_given_unit_wins_over_the_formats(tmp_path: Path) -> None:
-    write_gifti(tmp_path / "mesh.gii")
-    assert read_mesh(tmp_path / "mesh.gii", unit="none").unit == ""
-
-
-@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("name", ["mesh.surf.gii", "lh.pial"])
 @pytest.mark.parametrize(
     ("factor", "unit"), [(1.0, "mm"), (0.04, "m"), (0.24, "m"), (0.26, "mm"), (1e-3, "mm")]
@@ -272,12 +258,6 @@ def test_obj_polygons_negative_indices_and_continued_lines(tmp_path: Path) -> No
     assert (mesh.n_faces, mesh.face_areas[2:].sum()) == (5, pytest.approx(1.5))
 
 
-def test_obj_lines_may_end_as_on_old_macs(tmp_path: Path) -> None:
-    path = tmp_path / "old.obj"
-    path.write_bytes(b"v 0 0 0\rv 1 0 0\rv 0 1 0\rf 1 2 3\r")
-    assert read_mesh(path).faces.tolist() == [[0, 1, 2]]
-
-
 @pytest.mark.usefixtures("read_here")
 def test_vtk_strips_polygons_and_grids(tmp_path: Path) -> None:
     points = "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET {kind}\nPOINTS 5 float\n"
@@ -338,18 +318,6 @@ def test_ply_polygons_of_differing_length_and_strips(tmp_path: Path) -> None:
     head = header.format(kind="ascii", name="tristrips", count=1)
     path.write_text(head + text)
     assert read_mesh(path).faces.tolist() == [[0, 1, 3], [3, 1, 2], [2, 4, 3]]
-
-
-def test_stl_joins_residues_but_not_neighbours(tmp_path: Path) -> None:
-    step = float(np.spacing(np.float32(1000.0)))  # one float32 step
-    corners = np.array(
-        [[[1000, 0, 0], [1000 + step, 1, 0], [0, 0, 1e-17]], [[1000, 0, 0], [0, 0, 0], [0, 1, 0]]],
-        dtype=np.float32,
-    )
-    body = b"".join(struct.pack("<3f9fH", 0, 0, 0, *tri.reshape(-1), 0) for tri in corners)
-    path = tmp_path / "near.stl"
-    path.write_bytes(bytes(80) + struct.pack("<I", 2) + body)
-    assert read_mesh(path).n_vertices == 4
 
 
 @pytest.mark.usefixtures("read_here")
@@ -432,31 +400,13 @@ def fault_of(path: Path) -> InputError:
 @pytest.mark.parametrize(
     "ending", slow_unless(lambda ending: ending not in IN_A_CHILD, READABLE_ENDINGS)
 )
-def test_random_bytes(
+def test_noise_a_letter_and_nothing(
     ending: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], recwarn: object
 ) -> None:
-    path = tmp_path / f"noise{ending}"
-    path.write_bytes(np.random.default_rng(7).bytes(2_000_000))
-    fault_of(path)
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("ending", READABLE_ENDINGS)
-def test_empty_file(ending: str, tmp_path: Path) -> None:
-    path = tmp_path / f"empty{ending}"
-    path.touch()
-    assert fault_of(path).code == "file-empty"
-
-
-@pytest.mark.parametrize(
-    "ending", slow_unless(lambda ending: ending not in IN_A_CHILD, READABLE_ENDINGS)
-)
-def test_text_under_a_mesh_ending(
-    ending: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / f"letter{ending}"
-    path.write_text("Dear colleague,\nplease find the mesh attached.\n")
-    fault_of(path)
+    path, noise = tmp_path / f"noise{ending}", np.random.default_rng(7).bytes(200_000)
+    for content in (noise, b"Dear colleague,\nplease find the mesh attached.\n", b""):
+        path.write_bytes(content)
+        assert (fault_of(path).code == "file-empty") == (content == b"")
     assert capfd.readouterr() == ("", "")
 
 
@@ -472,13 +422,6 @@ def test_every_truncation(name: str, tmp_path: Path, capfd: pytest.CaptureFixtur
             continue
         fault_of(path)
     assert capfd.readouterr() == ("", "")
-
-
-def test_truncated_ply_says_how_much_is_there(tmp_path: Path) -> None:
-    path = tmp_path / "cut.ply"
-    write_ply(path)
-    path.write_bytes(path.read_bytes()[:-20])
-    assert fault_of(path).code == "file-cut-short"
 
 
 @pytest.mark.parametrize(
@@ -521,20 +464,6 @@ def test_faulty_obj(content: str, code: str, place: str, tmp_path: Path) -> None
     fault = fault_of(path)
     assert fault.code == code
     assert f"{fault.fault}.".endswith(f"{place}.")
-
-
-@pytest.mark.parametrize("content", ["hello", "[]", "{"])
-def test_gltf_that_is_none(content: str, tmp_path: Path) -> None:
-    path = tmp_path / "scene.gltf"
-    path.write_text(content)
-    assert fault_of(path).code == "wrong-format"
-
-
-def test_index_out_of_range_in_binary_formats(tmp_path: Path) -> None:
-    np.savez(tmp_path / "far.npz", vertices=VERTICES, faces=FACES + 2)
-    assert fault_of(tmp_path / "far.npz").code == "vertex-out-of-range"
-    np.savez(tmp_path / "negative.npz", vertices=VERTICES, faces=FACES - 1)
-    assert fault_of(tmp_path / "negative.npz").code == "vertex-out-of-range"
 
 
 @pytest.mark.parametrize("name", ["mesh.vtp", "mesh.vtk"])
@@ -585,7 +514,6 @@ NAMES = [
 @pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("names", NAMES)
 @pytest.mark.parametrize("transposed", [False, True])
-@pytest.mark.usefixtures("read_here")
 def test_npz_arrays_of_other_names_and_orders(
     names: tuple[str, str], transposed: bool, tmp_path: Path
 ) -> None:
@@ -842,15 +770,6 @@ def test_gifti_arrays_that_unpack_to_much(
         assert fault_of(path).code == "beyond-limits"
 
 
-@pytest.mark.slow
-def test_a_file_that_unpacks_to_much_is_read_all_the_same(tmp_path: Path) -> None:
-    # 14 MB unpacked from a few kB, which is more than is read without limits.
-    plain, packed = tmp_path / "mesh.obj", tmp_path / "mesh.obj.gz"
-    write_obj(plain)
-    packed.write_bytes(gzip.compress(b"# nothing to see here\n" * 650_000 + plain.read_bytes()))
-    assert same_surface(read_mesh(packed), VERTICES, FACES)
-
-
 @pytest.mark.skipif(os.name != "posix", reason="needs a program that computes for ever")
 @pytest.mark.parametrize(
     ("code", "clause"),
@@ -901,17 +820,6 @@ def test_a_binary_scene_that_is_none(content: bytes, code: str, tmp_path: Path) 
     path = tmp_path / "scene.glb"
     path.write_bytes(content)
     assert fault_of(path).code == code
-
-
-def test_of_very_many_maps_the_first_are_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("meshmash_viewer.io.raw.MOST_MAPS", 3)
-    maps = {f"map {at}": np.arange(len(VERTICES)) + at for at in range(5)}
-    np.savez(tmp_path / "many.npz", vertices=VERTICES, faces=FACES, **maps)
-    with pytest.warns(MeshWarning, match="has 2 of 5 columns of numbers beyond the limit"):
-        found = read_mesh(tmp_path / "many.npz").maps
-    assert [each.name for each in found] == ["map 0", "map 1", "map 2"]
 
 
 def test_a_scene_that_lies_about_its_length_takes_no_memory(tmp_path: Path) -> None:

@@ -10,18 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-import shapes
 from faults import raises
 
-from meshmash_viewer.cli import main as cli
 from meshmash_viewer.io import atomic
 from meshmash_viewer.io.atomic import discard, persistently, writing_errors, written_together
 from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model import decomposition as previews
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
@@ -136,46 +132,6 @@ def test_a_blocked_file_that_may_stay_is_not_waited_for(
     discard(*paths)
     assert refusing.refused == times, "no retry"
     assert [path.name for path in tmp_path.iterdir()] == ["c"] * times
-
-
-def test_a_preview_is_made_though_the_window_has_another_mapped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(previews, "FROM_VERTICES", 100)
-    for name in "abc":
-        (tmp_path / f"preview-old-{name}.npy").touch()
-    refusing = refuse(monkeypatch, Path, "unlink", FOREVER, only="preview-old")
-
-    class Listener:
-        folder = tmp_path
-
-        def report(self, _: object) -> None: ...
-
-        def send(self, _: object) -> None: ...
-
-        def cancelled(self) -> bool:
-            return False
-
-    mesh = shapes.icosphere(4)
-    grew = previews.open_preview(mesh, OperatorOptions(), Listener())
-    assert grew is not None
-    assert len(grew.eigenvalues) > 40
-    assert refusing.refused == 3, "no retry"
-
-
-def test_a_result_is_there_though_everything_is_refused_at_first(
-    sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mesh = tmp_path / "mesh.npz"
-    np.savez(mesh, vertices=sphere.vertices, faces=sphere.faces)
-    monkeypatch.setattr(atomic, "_PATIENCE", 5.0)
-    replacing = refuse(monkeypatch, os, "replace", 2)
-    deleting = refuse(monkeypatch, Path, "unlink", 2)
-    out = tmp_path / "out.npz"
-    assert cli.main(["features", str(mesh), "--count", "20", "-o", str(out)]) == 0
-    with np.load(out) as written:
-        assert written["features"].shape == (642, 32)
-    assert (replacing.refused, deleting.refused) == (2, 2)
 
 
 # Identities -----------------------------------------------------------------------------------

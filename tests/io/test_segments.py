@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.server
 import json
-import os
 import shutil
 import socket
 import sys
@@ -111,13 +110,6 @@ def test_vertices_and_faces_are_those_of_cloud_volume(
     assert len(theirs.vertices) > mesh.n_vertices  # repeated at the seam
 
 
-@pytest.mark.usefixtures("read_here")
-def test_fragments_packed_by_draco(layers: dict[str, Path]) -> None:
-    mesh = read(layers["draco"])
-    assert np.array_equal(np.unique(mesh.vertices, axis=0), np.unique(WHOLE, axis=0))
-    assert mesh.n_faces == FINE.n_faces
-
-
 def test_progress_and_seams_of_a_child_process(layers: dict[str, Path]) -> None:
     heard: list[Progress] = []
     with pytest.warns(MeshWarning, match="32 vertices at the seams of its fragments, now joined"):
@@ -215,40 +207,6 @@ def test_the_mesh_is_the_same_in_whatever_order_fragments_are_listed(tmp_path: P
     after = read(folder)
     np.testing.assert_array_equal(after.vertices, before.vertices)
     np.testing.assert_array_equal(after.faces, before.faces)
-
-
-@pytest.mark.slow
-def test_too_many_vertices_are_said_before_they_are_read(tmp_path: Path) -> None:
-    # the second fragment is a sparse file of 0.76 GB, which would take minutes to decode
-    folder = write_fragments(tmp_path / "fragments", [fragment(FINE), b""])
-    os.truncate(folder / "mesh" / f"{SEGMENT}:0:1", 21_000_000 * 36)
-    said = str(fault_of(source(folder)))
-    assert "has about 21 million vertices, more than the 20 million vertices that are read" in said
-    assert "set MESHMASH_READ_LIMITS=2." in said
-
-    folder = write_levels(tmp_path / "levels", [FINE, COARSE])
-    index, data = (folder / "mesh" / f"{SEGMENT}{ending}" for ending in (".index", ""))
-    grow_finest_level(index, data, 50_000_000)
-    said = str(fault_of(source(folder)))
-    assert "has about 50 million vertices" in said
-    assert "take level of detail 1 with about 114 vertices (--lod 1, or lod=1)." in said
-    assert read(folder, lod=1).n_vertices == COARSE.n_vertices
-
-
-def grow_finest_level(index: Path, data: Path, n_vertices: int) -> None:
-    """Set the size of the finest level to `n_vertices`, and move the coarser level after it."""
-    from cloudvolume.datasource.precomputed.mesh.multilod import MultiLevelPrecomputedMeshManifest
-
-    manifest = MultiLevelPrecomputedMeshManifest.from_binary(index.read_bytes(), SEGMENT)
-    fine, coarse = (int(each.sum()) for each in manifest.fragment_offsets)
-    size = round(coarse * n_vertices / (COARSE.n_vertices + 16))  # plus those at the seam
-    content = data.read_bytes()[fine:]
-    with data.open("wb") as file:
-        file.seek(size)
-        file.write(content)
-    sizes = np.array([size, 0, *manifest.fragment_offsets[1]])
-    manifest.fragment_offsets = sizes
-    index.write_bytes(manifest.to_binary())
 
 
 @pytest.fixture(params=[401, 403])

@@ -243,24 +243,12 @@ def test_the_named_index_of_pandas_is_a_column_of_a_parquet_table(
     assert read_maps(tmp_path / "a.parquet", MESH)[0].values.tolist() == [4, 3, 2, 1]
 
 
-def test_a_range_of_rows_without_a_name_is_no_column(tmp_path: Path) -> None:
-    index = pandas.RangeIndex(10, 14)
-    pandas.DataFrame({"a": [1.0, 2.0, 3.0, 4.0]}, index).to_parquet(tmp_path / "a.parquet")
-    assert [each.name for each in read_maps(tmp_path / "a.parquet", MESH)] == ["a"]
-
-
 @pytest.mark.parametrize("kind", ["category", "string", "string[pyarrow]", object])
 def test_text_labels_of_pandas_are_read_from_parquet(tmp_path: Path, kind: str | type) -> None:
     label = pandas.Series(["soma", "axon", None, "soma"]).astype(kind)
     pandas.DataFrame({"label": label}).to_parquet(tmp_path / "a.parquet")
     found = read_labels(tmp_path / "a.parquet", MESH)
     assert [sorted(np.flatnonzero(found.mask(name))) for name in ("soma", "axon")] == [[0, 3], [1]]
-
-
-def test_categories_of_numbers_are_numbers(tmp_path: Path) -> None:
-    table = pandas.DataFrame({"a": pandas.Categorical([3, 1, None, 3])})
-    table.to_parquet(tmp_path / "a.parquet")
-    np.testing.assert_array_equal(read_maps(tmp_path / "a.parquet", MESH)[0].values, [3, 1, NAN, 3])
 
 
 def test_identifiers_of_vertices_are_left_out_instead_of_rounded(tmp_path: Path) -> None:

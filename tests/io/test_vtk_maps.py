@@ -137,20 +137,6 @@ def test_what_is_no_map_is_named(legacy: Legacy, tmp_path: Path) -> None:
     assert re.search(r"mesh\.vtk has a map that is left out: Map 'b' has 1 infinite value", said)
 
 
-def test_a_grid_of_triangles_has_maps_too(tmp_path: Path) -> None:
-    for binary in (False, True):
-        grid = Legacy(binary, "UNSTRUCTURED_GRID").add("POINT_DATA 4")
-        grid.scalars("a", [1, 2, 3, 4]).scalars("b", [5, 6, 7, 8], "short")
-        assert values(grid.read(tmp_path)) == {"a": [1, 2, 3, 4], "b": [5, 6, 7, 8]}
-
-
-def test_more_maps_than_are_taken_are_counted(tmp_path: Path) -> None:
-    legacy = Legacy().add("POINT_DATA 4").add("FIELD FieldData 1")
-    legacy.add("hks 70 4 float", np.arange(280), "f4")
-    with pytest.warns(MeshWarning, match="6 of 70 arrays of numbers, which"):
-        assert len(legacy.read(tmp_path)) == 64
-
-
 @pytest.mark.parametrize(
     "head",
     ["POINT_DATA 3\nSCALARS a float\nLOOKUP_TABLE default", "POINT_DATA 4\nSCALARS a float"],

@@ -282,20 +282,6 @@ def test_what_others_write_stays(mesh: Mesh, features: Features, tmp_path: Path)
     assert not old.exists()
 
 
-def test_places_where_nothing_can_be_written(
-    mesh: Mesh, features: Features, tmp_path: Path
-) -> None:
-    with raises("unknown-ending"):
-        write_features(tmp_path / "out.xlsx", features, mesh)
-    with raises("folder-not-found"):
-        write_features(tmp_path / "absent" / "out.npz", features, mesh)
-    (tmp_path / "folder.npz").mkdir()
-    with raises("not-a-file"):
-        write_features(tmp_path / "folder.npz", features, mesh)
-    with raises("unknown-ending"):
-        write_features(tmp_path / ".npz", features, mesh)
-
-
 def test_rows_have_to_go_with_the_mesh(mesh: Mesh, tmp_path: Path) -> None:
     with raises("other-mesh", "5 rows"):
         write_features(tmp_path / "out.npz", Features(np.zeros((5, 1)), ("a",)), mesh)
@@ -310,15 +296,3 @@ def test_what_cannot_be_written_is_known_before_it_is_computed(kind: str, tmp_pa
     with raises("folder-not-found"):
         check_output(tmp_path / "absent" / f"a{ending}", kind)
     assert not list(tmp_path.iterdir())
-
-
-def test_other_programs_open_a_vtp_with_its_first_column_on_the_surface(
-    mesh: Mesh, features: Features, tmp_path: Path
-) -> None:
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
-
-    write_features(tmp_path / "out.vtp", features, mesh)
-    reader = vtkXMLPolyDataReader()
-    reader.SetFileName(str(tmp_path / "out.vtp"))
-    reader.Update()
-    assert reader.GetOutput().GetPointData().GetScalars().GetName() == features.columns[0]
