@@ -78,6 +78,25 @@ def sphere_eigenvalues(count: int, radius: float = 1.0) -> np.ndarray:
     return np.repeat(degrees * (degrees + 1), 2 * degrees + 1)[:count] / radius**2
 
 
+def together(*parts: Mesh | np.ndarray, unit: str = "") -> Mesh:
+    """Return meshes and loose vertices (n, 3) as one mesh, in this order."""
+    meshes = [part if isinstance(part, Mesh) else (part, np.zeros((0, 3), int)) for part in parts]
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    faces = [each + start for (_, each), start in zip(meshes, starts, strict=False)]
+    return Mesh(np.concatenate([each for each, _ in meshes]), np.concatenate(faces), unit)
+
+
+def moved(mesh: Mesh, *shift: float, scale: float = 1.0) -> Mesh:
+    """Return a mesh that is scaled, then shifted by one number or three."""
+    return Mesh(scale * mesh.vertices + np.array(shift), mesh.faces, mesh.unit)
+
+
+def signed_volume(mesh: Mesh) -> float:
+    """Return the volume, negative if faces point inwards."""
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    return float(np.sum(np.cross(a, b) * c)) / 6.0
+
+
 def three_spheres(subdivisions: int = 2) -> Mesh:
     """Return three separate equal spheres, which triple the multiplicity of eigenvalues."""
     one = icosphere(subdivisions)

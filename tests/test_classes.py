@@ -165,21 +165,6 @@ def test_an_ensemble_has_the_mean_probability_and_importance(
     )
 
 
-@pytest.mark.slow
-def test_smoothed_probabilities_are_kept_in_range(blob: mv.Mesh, strokes: mv.VertexMap) -> None:
-    model = mv.train_classes(blob, strokes, COLUMNS, smoothing=0.3)
-    plain = mv.train_classes(blob, strokes, COLUMNS, scored=False)
-    smooth = mv.predict_classes(blob, model).probabilities[0].values
-    rough = mv.predict_classes(blob, plain).probabilities[0].values
-    assert 0.0 <= smooth.min() <= smooth.max() <= 1.0
-    L, _ = mv.cotangent_laplacian(blob, robust=True)
-    assert smooth @ L @ smooth < 0.5 * (rough @ L @ rough)
-    copy, there = shapes.moved_copy(blob, 1e-3)
-    moved = mv.predict_classes(mv.Mesh(copy.vertices, copy.faces, "µm"), model)
-    away = moved.probabilities[0].values[there] - smooth
-    assert np.median(np.abs(away)) < 1e-3, "over the same length"
-
-
 def test_classes_weigh_the_same_in_a_regression(blob: mv.Mesh) -> None:
     known = COLUMNS.compute(blob)
     noise = np.random.default_rng(8).standard_normal(known.values.shape)
@@ -198,18 +183,6 @@ def test_diffusion_is_one_implicit_step() -> None:
     height = mesh.vertices[:, 2:]
     smooth = diffused(L, M.diagonal(), height, 0.5)
     np.testing.assert_allclose(smooth, height / (1.0 + 0.25 * 2.0), atol=2e-3)
-
-
-def test_known_columns_give_the_same_and_are_not_computed_again(
-    blob: mv.Mesh, strokes: mv.VertexMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    options: dict[str, Any] = {"classifier": "logistic", "scored": False}
-    before = mv.predict_classes(blob, mv.train_classes(blob, strokes, COLUMNS, **options))
-    known = COLUMNS.compute(blob)
-    monkeypatch.setattr(mv.ClassColumns, "compute", None)
-    model = mv.train_classes(blob, strokes, COLUMNS, features=known, **options)
-    after = mv.predict_classes(blob, model, features=known)
-    np.testing.assert_array_equal(after.labels.values, before.labels.values)
 
 
 def test_a_rare_class_among_very_many_labels_is_learned() -> None:
@@ -437,21 +410,6 @@ def test_triangles_of_another_size_are_remarked(
     assert said in remark
     with pytest.warns(mv.MeshWarning, match="copy: The mesh has a median edge"):
         mv.predict_classes(copy, model)
-
-
-def test_long_times_have_no_remark(sizes: dict[int, mv.Mesh]) -> None:
-    model = trained(sizes[3], mv.ClassColumns(1.0, 4.0, 10.0, "nm", n_times=4))
-    assert mv.predict_classes(sizes[2], model).remarks == ()
-    assert mv.predict_classes(sizes[4], model).remarks == ()
-
-
-def test_a_model_of_an_earlier_version_has_no_edges(sizes: dict[int, mv.Mesh]) -> None:
-    model = trained(sizes[4], COLUMNS)
-    for each in model.meshes:
-        del each["median_edge"]
-    (remark,) = mv.predict_classes(sizes[2], model, warn=False).remarks
-    assert "a median edge of 0.32\N{NO-BREAK SPACE}nm: " in remark
-    assert mv.predict_classes(sizes[4], model).remarks == ()
 
 
 @pytest.mark.parametrize("several", [False, True])

@@ -33,10 +33,8 @@ def test_faces_are_sound(neuron: Mesh) -> None:
 
 
 def test_what_falls_into_one_cell_has_no_face() -> None:
-    ball = shapes.icosphere(1)
-    two = np.concatenate([ball.vertices * 1e-6, ball.vertices * 1e-6 + 1.0])
-    faces = np.concatenate([ball.faces, ball.faces + ball.n_vertices])
-    coarse = cluster_vertices(two, faces, 8)
+    ball = shapes.icosphere(1, 1e-6)
+    coarse = cluster_vertices(*shapes.together(ball, shapes.moved(ball, 1.0)), 8)
     assert len(coarse.representatives) == 2
     assert coarse.faces.shape == (0, 3)
 

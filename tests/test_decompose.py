@@ -28,11 +28,9 @@ from meshmash_viewer.errors import (
     MeshWarning,
     TruncationWarning,
 )
-from meshmash_viewer.features import sums as feature_sums
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral import eigensolver
 from meshmash_viewer.spectral.eigensolver import solve
 
 #: Threshold per nm²: some 150 pairs of the neuron lie below.
@@ -166,13 +164,6 @@ def test_automatic_times_run_from_short_to_long(neuron, matrices, dense):
 # Completeness ------------------------------------------------------------------------------------
 
 
-def test_nothing_is_missing_of_a_symmetric_sphere(sphere):
-    stiffness, mass = cotangent_laplacian(shapes.icosphere(4))
-    eigenvalues, _ = decompose_laplacian(stiffness, mass, 49)
-    degree = np.repeat(np.arange(7), 2 * np.arange(7) + 1)
-    np.testing.assert_allclose(eigenvalues[1:], (degree * (degree + 1))[1:], rtol=0.02)
-
-
 @pytest.mark.parametrize("count", slow_but([27], [12, 27, 48, 75]))
 def test_three_equal_spheres_have_everything_three_times(count):
     single, _ = decompose_mesh(shapes.icosphere(3), count, robust=False)
@@ -181,23 +172,6 @@ def test_three_equal_spheres_have_everything_three_times(count):
     np.testing.assert_allclose(eigenvalues, expected, rtol=1e-9, atol=1e-12)
     assert (eigenvalues[:3] == 0.0).all()
     assert np.linalg.matrix_rank(eigenvectors) == count
-
-
-@pytest.mark.slow
-def test_bands_of_any_size_find_the_same(matrices):
-    results = [
-        decompose_laplacian_by_bands(*matrices, THRESHOLD, band_size=size, truncate_extra=extra)
-        for size, extra in ((7, True), (50, False), (300, True))
-    ]
-    values, vectors = results[0]
-    for other_values, other_vectors in results[1:]:
-        np.testing.assert_allclose(other_values, values, rtol=1e-8, atol=1e-18)
-        np.testing.assert_allclose(
-            np.abs(other_vectors), np.abs(vectors), atol=1e-8 * np.nanmax(np.abs(vectors))
-        )
-    features = [compute_hks(matrices, 3e-5, band_size=size) for size in (7, 50, 300)]
-    np.testing.assert_allclose(features[1], features[0], rtol=1e-8)
-    np.testing.assert_allclose(features[2], features[0], rtol=1e-8)
 
 
 def test_the_threshold_is_exact(matrices, dense):
@@ -210,15 +184,6 @@ def test_the_threshold_is_exact(matrices, dense):
     # fewer pairs than components, and a threshold of zero
     assert len(decompose_laplacian_by_bands(*matrices, 0.0)[0]) == 6
     assert len(decompose_laplacian(*matrices, n_components=2)[0]) == 2
-
-
-@pytest.mark.slow
-def test_a_threshold_above_everything_gives_everything(neuron, matrices, dense):
-    for threshold in (1.001 * dense[0][-1], np.inf):
-        values, vectors = decompose_laplacian_by_bands(*matrices, threshold)
-        assert len(values) == neuron.referenced.sum()
-        assert vectors.shape == (neuron.n_vertices, len(values))
-        assert_m_orthonormal(vectors, matrices[1])
 
 
 @pytest.mark.parametrize("threshold", [-1e-9, -np.inf, np.nan])
@@ -494,40 +459,6 @@ def test_an_empty_sum_is_zero(sphere):
 
 
 # Long runs ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_large_spectra_go_through_a_temporary_file(neuron, monkeypatch):
-    expected = compute_geometry_vectors(neuron, THRESHOLD)
-    monkeypatch.setattr(eigensolver, "_MEMORY_SHARE", 0.0)
-    kinds = []
-    accumulate = feature_sums.accumulate_features
-
-    def watched(rows, *others, **options):
-        kinds.append(type(rows))
-        return accumulate(rows, *others, **options)
-
-    monkeypatch.setattr(feature_sums, "accumulate_features", watched)
-    np.testing.assert_array_equal(compute_geometry_vectors(neuron, THRESHOLD), expected)
-    monkeypatch.setattr(eigensolver, "_MEMORY_SHARE", 0.5)
-    np.testing.assert_array_equal(compute_geometry_vectors(neuron, THRESHOLD), expected)
-    assert kinds == [np.memmap, np.ndarray]
-
-
-def test_progress_and_cancel(neuron):
-    reports = []
-    compute_hks(neuron, THRESHOLD, progress=reports.append)
-    assert reports[-1].converged == reports[-1].total > 100
-    assert [r.converged for r in reports] == sorted(r.converged for r in reports)
-    calls = 0
-
-    def cancel():
-        nonlocal calls
-        calls += 1
-        return calls > 3
-
-    with pytest.raises(Cancelled):
-        decompose_mesh(neuron, 100, cancel=cancel)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapes
+from shapes import together
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import MeshWarning
@@ -98,14 +99,8 @@ def split(mesh: Mesh, n: int = 2) -> Mesh:
     return Mesh(mesh.vertices[used % mesh.n_vertices], faces.reshape(-1, 3))
 
 
-def together(*meshes: Mesh) -> Mesh:
-    starts = np.cumsum([0, *(each.n_vertices for each in meshes)])
-    faces = [each.faces + start for each, start in zip(meshes, starts, strict=False)]
-    return Mesh(np.concatenate([each.vertices for each in meshes]), np.concatenate(faces))
-
-
 def moved(mesh: Mesh, by: float) -> Mesh:
-    return Mesh(mesh.vertices + np.array([by, 0.0, 0.0]), mesh.faces)
+    return shapes.moved(mesh, by, 0.0, 0.0)
 
 
 def jittered(mesh: Mesh, size: float) -> Mesh:

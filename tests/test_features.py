@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -33,16 +32,6 @@ def test_chunks_make_no_difference(rng, k, n):
     actual = accumulate_features(rows, coefficients)
     np.testing.assert_allclose(actual, expected, atol=1e-11)
     assert actual.flags.c_contiguous
-
-
-def test_bands_add_up_to_the_whole(rng):
-    rows, coefficients = rng.standard_normal((20, 50)), rng.standard_normal((3, 20))
-    whole = accumulate_features(rows, coefficients)
-    parts = [
-        accumulate_features(rows[band], coefficients[:, band])
-        for band in (slice(0, 7), slice(7, 20))
-    ]
-    np.testing.assert_allclose(sum(parts), whole)
 
 
 def test_rows_may_be_a_memory_map_of_float32(rng, tmp_path):
@@ -143,24 +132,3 @@ def test_features_are_a_frame_with_names(features: Features) -> None:
     assert features.values[0, 0] > 0.0
     named = pandas.DataFrame(features, columns=features.columns)
     np.testing.assert_array_equal(named[features.columns[1]], features.values[:, 1])
-
-
-def test_without_pandas_a_frame_says_what_to_install(
-    features: Features, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with raises("package-missing", "pip install pandas"):
-        features.to_frame()
-
-
-def test_scikit_learn_takes_features(features: Features) -> None:
-    pytest.importorskip("sklearn")
-    from sklearn.cluster import KMeans
-    from sklearn.model_selection import train_test_split
-    from sklearn.neighbors import NearestNeighbors
-
-    nearest = NearestNeighbors(n_neighbors=1).fit(features).kneighbors(features)[0]
-    np.testing.assert_allclose(nearest, 0.0, atol=1e-6)
-    assert KMeans(2, n_init=1, random_state=0).fit_predict(features).shape == (len(features),)
-    train, test = train_test_split(features, random_state=0)
-    assert len(train) + len(test) == len(features)

@@ -100,25 +100,13 @@ def test_a_unit_square_from_a_corner(n: int, jitter: float, within: float) -> No
     assert np.abs(geodesic_distance(mesh, 0) - wanted).max() < within
 
 
-def test_one_triangle() -> None:
-    triangle = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[0, 1, 2]])
-    assert geodesic_distance(triangle, 0).tolist() == [0.0, 1.0, 1.0]
-
-
 def test_other_components_change_no_bit() -> None:
     ball = shapes.icosphere(4)
     alone = geodesic_distance(ball, 100)
     small = shapes.icosphere(0, radius=1e-3)
     places = np.random.default_rng(0).uniform(3.0, 900.0, (100, 3))
-    before = np.concatenate([small.vertices + place for place in places[:60]])
-    after = np.concatenate([small.vertices + place for place in places[60:]])
-    count = np.arange(100) * 12
-    count[60:] += ball.n_vertices
-    others = np.concatenate([small.faces + each for each in count])
-    mesh = Mesh(
-        np.concatenate([before, ball.vertices, after]),
-        np.concatenate([others[:1200], ball.faces + 720, others[1200:]]),
-    )
+    others = [shapes.moved(small, *place) for place in places]
+    mesh = shapes.together(*others[:60], ball, *others[60:])
     found = geodesic_distance(mesh, 820)
     assert np.array_equal(found[720 : 720 + ball.n_vertices], alone)
     assert np.isnan(found[:720]).all()
@@ -177,28 +165,6 @@ def test_columns_and_the_nearest_of_several() -> None:
         nearest_distance(ball, [])
     with raises("vertex-out-of-range", "There is no vertex 642"):
         nearest_distance(ball, [3, 642])
-
-
-def test_distances_are_symmetric() -> None:
-    mesh, rng = shapes.blob(3), np.random.default_rng(1)
-    chosen = rng.choice(mesh.n_vertices, 12, replace=False)
-    table = geodesic_distance(mesh, chosen)[chosen]
-    assert np.abs(table - table.T).max() < 0.01 * table.max()
-
-
-def test_the_loops_hold_no_lock() -> None:
-    import threading
-    import time
-
-    solver, marks = GeodesicSolver(shapes.icosphere(6)), []
-    solver.from_vertex(0)  # compiled before
-    thread = threading.Thread(target=lambda: [solver.from_vertex(0) for _ in range(4)])
-    thread.start()
-    while thread.is_alive():
-        marks.append(time.perf_counter())
-        time.sleep(0.001)
-    assert len(marks) > 10
-    assert np.quantile(np.diff(marks), 0.9) < 0.05
 
 
 def test_a_disc_of_a_plane_is_exact() -> None:
@@ -285,10 +251,7 @@ def test_only_the_front_of_a_ball_is_visible() -> None:
 def test_a_ball_behind_another_is_hidden(subdivisions: int) -> None:
     """The front ball may have few large faces, with corners far apart."""
     back, front = shapes.icosphere(4), shapes.icosphere(subdivisions, radius=2.0)
-    both = Mesh(
-        np.concatenate([back.vertices, front.vertices + np.array([0.0, 0.0, 6.0])]),
-        np.concatenate([back.faces, front.faces + back.n_vertices]),
-    )
+    both = shapes.together(back, shapes.moved(front, 0.0, 0.0, 6.0))
     chosen = within_polygon(seen_of(both), box(110.0))
     facing = both.vertex_normals[:, 2]
     assert chosen[: back.n_vertices].all()
@@ -308,10 +271,7 @@ def test_small_faces_may_be_left_out_of_a_lasso() -> None:
     """A ball of large and small faces covers another, whose vertices are not in the lasso."""
     back, front = shapes.icosphere(5), shapes.icosphere(3, radius=2.0)
     stretched = np.where(front.vertices[:, :1] > 0.0, 1.0, 0.3) * front.vertices
-    both = Mesh(
-        np.concatenate([back.vertices, stretched + np.array([0.0, 0.0, 6.0])]),
-        np.concatenate([back.faces, front.faces + back.n_vertices]),
-    )
+    both = shapes.together(back, shapes.moved(Mesh(stretched, front.faces), 0.0, 0.0, 6.0))
     points = both.vertices.astype(np.float32)
     target = RayTarget(points, both.faces)
     edges = both.vertices[both.faces] - both.vertices[np.roll(both.faces, 1, axis=1)]

@@ -37,10 +37,7 @@ def test_holes_are_the_parts_that_a_belt_separates_from_the_largest(ball: Mesh) 
 
 
 def test_another_component_is_no_hole(ball: Mesh) -> None:
-    two = Mesh(
-        np.concatenate([ball.vertices, ball.vertices / 2.0 + 5.0]),
-        np.concatenate([ball.faces, ball.faces + ball.n_vertices]),
-    )
+    two = shapes.together(ball, shapes.moved(ball, 5.0, scale=0.5))
     height = two.vertices[:, 2]
     belt = (np.abs(height - 0.3) < 0.15) & (height < 2.0)
     assert np.array_equal(filled(two, belt), (height > 0.15) & (height < 2.0))

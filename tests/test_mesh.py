@@ -90,15 +90,6 @@ def test_every_accepted_form_is_the_same_mesh(neuron):
     assert as_mesh(neuron) is neuron
 
 
-def test_polygons_of_polydata_become_triangles():
-    import pyvista
-
-    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    mesh = as_mesh(pyvista.PolyData(square, [4, 0, 1, 2, 3]))
-    assert mesh.n_faces == 2
-    assert mesh.area == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize(
     ("thing", "remedy"),
     [
@@ -145,10 +136,8 @@ def test_area_and_bounds_of_known_shapes(rectangle):
 
 def test_components_by_shared_vertices_numbered_by_their_lowest():
     one = shapes.icosphere(0)
-    spacer = np.array([[9.0, 9.0, 9.0]])
-    vertices = np.concatenate([one.vertices, spacer, one.vertices + 5.0])
-    faces = np.concatenate([one.faces + 13, one.faces])
-    mesh = Mesh(vertices, faces)
+    mesh = shapes.together(one, np.full((1, 3), 9.0), shapes.moved(one, 5.0))
+    mesh = Mesh(mesh.vertices, mesh.faces[::-1])
     np.testing.assert_array_equal(mesh.component_labels, [0] * 12 + [-1] + [1] * 12)
     assert mesh.n_components == 2
     assert not mesh.referenced[12]
@@ -173,29 +162,12 @@ def test_faces_that_cancel_have_a_normal_all_the_same():
     assert np.isfinite(mesh.vertex_normals).all()
 
 
-def test_hash_tells_content_not_name(sphere):
-    renamed = Mesh(sphere.vertices, sphere.faces, "nm", "other")
-    moved = Mesh(sphere.vertices + 1e-12, sphere.faces)
-    assert renamed.content_hash == sphere.content_hash
-    assert moved.content_hash != sphere.content_hash
-    assert len(sphere.content_hash) == 64
-
-
-def test_a_mesh_travels_to_another_process(neuron):
-    copy = pickle.loads(pickle.dumps(neuron))
-    assert copy.content_hash == neuron.content_hash
-    assert copy.unit == "nm"
-
-
 @pytest.mark.parametrize(("size", "count"), [(0.3, 3300), (0.15, 0)])
 def test_the_area_sample_weighs_by_area_and_leaves_small_components_out(
     sphere: Mesh, size: float, count: int
 ) -> None:
     n = sphere.n_vertices
-    other = size * sphere.vertices + [5.0, 0.0, 0.0]
-    mesh = Mesh(
-        np.concatenate([sphere.vertices, other]), np.concatenate([sphere.faces, sphere.faces + n])
-    )
+    mesh = shapes.together(sphere, shapes.moved(sphere, 5.0, 0.0, 0.0, scale=size))
     assert mesh.small_components[n:].all() == (count == 0)
     assert not mesh.small_components[:n].any()
     sample = mesh.area_sample(40_000)

@@ -64,33 +64,6 @@ def test_a_point_at_the_distance_is_near_and_a_stray_vertex_takes_none() -> None
     assert (found.vertices.tolist(), found.distances.tolist()) == ([1], [5.0])
 
 
-def test_a_column_is_dropped_only_if_it_counts_the_rows() -> None:
-    places = dict(zip("xyz", np.eye(3), strict=True))
-    kept = mv.read_points({"Unnamed: 0": np.array([4, 5, 6]), **places})
-    assert kept.columns["Unnamed: 0"].tolist() == [4, 5, 6]
-    assert not mv.read_points({"Unnamed: 0": np.arange(3), **places}).columns
-
-
-def test_no_unit_is_named_that_few_points_would_be_near_in() -> None:
-    places = np.vstack([FAR.vertices[:20] / 1000.0, np.full((80, 3), -1e9)])
-    with raises("far-from-mesh") as fault:
-        mv.project_points(FAR, places)
-    assert "100 of 100 points lie outside the box of the mesh: check their unit" in str(fault.value)
-
-
-def test_vertices_are_those_of_the_file_after_a_repair() -> None:
-    stray = np.vstack([[[9e3, 0.0, 0.0]], BALL.vertices])
-    mesh = mv.Mesh(stray, BALL.faces + 1, "nm")
-    repaired = mv.repair_mesh(mesh, "drop_unreferenced_vertices")
-    table = mv.read_points(synapses())
-    found = mv.project_points(repaired, table)
-    np.testing.assert_array_equal(mesh.vertices[0], stray[0])
-    assert found.near.any()
-    whole = mv.project_points(mesh, table)  # The stray vertex is never the nearest.
-    np.testing.assert_array_equal(found.file_vertices, whole.vertices)
-    assert whole.vertices.min() != 0
-
-
 def test_sums_and_counts_of_regions_and_labels_are_exact() -> None:
     table = mv.read_points(synapses(2000))
     found = mv.project_points(BALL, table, 1000.0)
@@ -348,17 +321,6 @@ def test_points_from_the_command_line(here: Path, capsys: pytest.CaptureFixture[
     assert meta["options"]["points_unit"] == "4 × 4 × 40 nm"
 
 
-def test_regions_count_points(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["regions", "far.ply", "--unit", "nm", "--labels", "half.npz", *POINTS]
-    assert main([*arguments, "-o", "regions.csv"]) == 0
-    table = pandas.read_csv("regions.csv")
-    found = mv.project_points(FAR, mv.read_points("synapses.csv", "4 × 4 × 40 nm"), 600.0)
-    measured = mv.regions(FAR, np.where(UP, 1, 2)).with_points(found)
-    assert table["points"].tolist() == measured["points"].tolist()
-    assert table["sum size"].tolist() == measured["sum size"].tolist()
-    assert "not within 600 nm of a vertex" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -455,11 +417,3 @@ def test_tables_given_as_positions_and_repeated_names_are_refused() -> None:
         mv.project_points(BALL, "synapses.csv")
     with raises("given-twice", "two columns called 'size'"):
         mv.read_points(pandas.concat([TABLE, TABLE[["size"]]], axis=1))
-
-
-@pytest.mark.parametrize("ending", ["parquet", "feather"])
-def test_the_named_range_of_pandas_is_a_column_of_a_file(tmp_path: Path, ending: str) -> None:
-    table = TABLE.drop(columns="id").set_index(pandas.RangeIndex(700, 720, name="id"))
-    getattr(table, f"to_{ending}")(tmp_path / f"points.{ending}")
-    found = mv.read_points(tmp_path / f"points.{ending}")
-    assert found.columns[found.id].tolist() == list(range(700, 720))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -95,13 +94,6 @@ def test_volumes_of_closed_parts() -> None:
     assert inward["volume"][0] == pytest.approx(-SPHERE.volume, rel=1e-9)
 
 
-def test_a_flat_region_has_no_volume() -> None:
-    """The volume is exactly 0, not 1e-17 from rounding."""
-    corners = [[0, 0, 0], [3, 0, 0.3], [3, 7, 0.4], [0, 7, 0.1]]
-    flat = turned(trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).subdivide().subdivide())
-    assert mv.regions(flat, np.ones(len(flat.vertices), bool))["volume"].tolist() == [0.0]
-
-
 def test_fans_close_a_cut_exactly_where_it_is_flat() -> None:
     """The part of a cylinder between two rings is a prism."""
     capsule = turned(CAPSULE)
@@ -157,22 +149,6 @@ def test_vertices_in_no_region_are_counted() -> None:
     without, alone = table.remarks
     assert without == f"{(labels == 0).sum()} vertices without a label."
     assert alone.startswith("1 vertex of spot in no region: no face around has three corners")
-
-
-def test_one_remark_is_of_all_labels_in_no_region() -> None:
-    ball = shapes.icosphere(2)
-    labels = np.ones(ball.n_vertices, dtype=int)
-    labels[:8] = np.arange(2, 10)
-    table = mv.regions(ball, labels, neck=False)
-    (said,) = table.remarks
-    assert said.startswith("8 vertices of 2, 3, 4, 5 and 4 more labels in no region: no face")
-
-
-def test_a_map_of_the_mesh_keeps_its_name_in_the_table() -> None:
-    height = mv.VertexMap("height", shapes.icosphere(2).vertices[:, 2].copy())
-    ball = shapes.icosphere(2).with_maps(height)
-    table = mv.regions(ball, height.values > 0.0, [height], neck=False)
-    assert "mean height" in table.columns
 
 
 def test_whole_labels_have_one_row_each() -> None:
@@ -347,19 +323,3 @@ def test_what_is_neither_a_number_nor_a_name_is_refused(labels: Any) -> None:
 def test_a_map_does_not_round_identifiers(values: Any) -> None:
     with raises("not-exact"):
         mv.VertexMap("root_id", values)
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        pandas.Series([1, None, 3], dtype="Int64"),
-        [1, None, 3.0],
-        np.array([1, np.nan, 3], dtype=object),
-        pandas.Series([Decimal(1), None, Decimal(3)]),
-        pyarrow.array([1, None, 3]),
-        pandas.Series(pandas.Categorical([1, None, 3])),
-    ],
-)
-def test_numbers_next_to_missing_ones_are_a_map(values: Any) -> None:
-    found = mv.VertexMap("size", values).values
-    np.testing.assert_array_equal(found, [1.0, np.nan, 3.0])

@@ -85,15 +85,6 @@ def test_vertices_without_a_value_have_no_weight(pairs: Eigenpairs, missing: flo
     assert spectrum.share(pairs.n_components) <= 1.0
 
 
-def test_a_gap_that_takes_any_value_is_the_same_gap(pairs: Eigenpairs) -> None:
-    values = np.repeat(pairs.rows[4][:, np.newaxis], 3, axis=1)
-    values[[5, 90], :] = [np.nan, np.inf, -np.inf]
-    with pytest.warns(MissingValuesWarning):
-        found = filter_map(pairs, values, heat_kernel_bank([0.1, 1.0]))
-    np.testing.assert_array_equal(found[:, 0], found[:, 1])
-    np.testing.assert_array_equal(found[:, 0], found[:, 2])
-
-
 @pytest.mark.parametrize(
     ("call", "code", "word"),
     [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import weakref
 from typing import Any
 
@@ -15,7 +14,6 @@ from faults import raises
 from tiers import slow, slow_but
 
 from meshmash_viewer.decompose import compute_hks, spectral_geometry_filter
-from meshmash_viewer.errors import TruncationWarning
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -57,13 +55,6 @@ def test_pieces_are_small_and_the_identity_is_exact(
     assert found.dtype == np.float64
     np.testing.assert_array_equal(found[mesh.referenced], mesh.vertices[mesh.referenced])
     assert np.isnan(found[~mesh.referenced]).all()
-
-
-def test_pieces_are_as_few_as_the_threshold_allows(fine_sphere: Mesh) -> None:
-    stitcher = MeshStitcher(fine_sphere, n_jobs=1)
-    stitcher.split_mesh(640, overlap=0.1)
-    # 2562 vertices; on a sphere, the overlap takes less than half of a piece.
-    assert 2562 / 640 < len(stitcher.pieces) < 2 * 2.5 * 2562 / 640
 
 
 @pytest.mark.parametrize("overlap", [0.5, 2.0])
@@ -114,21 +105,6 @@ def test_each_vertex_takes_the_value_of_the_piece_it_is_deepest_in(fine_sphere: 
     chosen = depths[owner, np.arange(fine_sphere.n_vertices)]
     np.testing.assert_array_equal(chosen, depths.max(axis=0))
     assert chosen.min() > 0.0
-
-
-def test_heat_kernel_at_short_times_is_that_of_the_whole() -> None:
-    mesh = shapes.icosphere(3)
-    stitcher = MeshStitcher(mesh, n_jobs=1)
-    stitcher.split_mesh(400, overlap=0.2)
-    assert len(stitcher.pieces) > 2
-    width = 0.2 * np.sqrt(mesh.area * 400 / mesh.n_vertices)
-    # Heat spreads over about 2√t; reflections at a cut at `width` decay as exp(-width²/t).
-    times = np.array([0.01, 0.04]) * width**2
-    whole = heat_kernel(mesh, times)
-    found = stitcher.apply(lambda piece: heat_kernel(piece, times))
-    assert found.shape == (mesh.n_vertices, 2)
-    np.testing.assert_allclose(found[:, 0], whole[:, 0], rtol=1e-6)
-    np.testing.assert_allclose(found[:, 1], whole[:, 1], rtol=1e-3)
 
 
 def test_vertices_at_one_place_are_neighbours_still() -> None:
@@ -194,20 +170,6 @@ def test_renumbered_vertices_get_the_same_values(neuron: Mesh, rng: np.random.Ge
     np.testing.assert_array_equal(stitcher.apply(coordinates)[rank][used], neuron.vertices[used])
 
 
-@pytest.mark.slow
-def test_parallel_gives_what_serial_gives(fine_sphere: Mesh) -> None:
-    stitcher = MeshStitcher(fine_sphere, n_jobs=2)
-    stitcher.split_mesh(800)
-    shift = 3.0
-    # Workers receive a lambda with a closure that also writes into its argument.
-    found = stitcher.apply(lambda piece: np.add(piece[0], shift, out=piece[0]))
-    np.testing.assert_array_equal(found, fine_sphere.vertices + shift)
-
-    processes = stitcher.apply(lambda piece: os.getpid(), stitch=False)
-    assert len(processes) == len(stitcher.pieces)
-    assert os.getpid() not in processes
-
-
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_a_failure_names_the_piece(sphere: Mesh, n_jobs: int) -> None:
     stitcher = MeshStitcher(sphere, n_jobs=n_jobs)
@@ -239,32 +201,6 @@ def test_one_blas_thread_each(sphere: Mesh) -> None:
         assert set(pools) <= {1}
 
 
-@pytest.mark.slow
-def test_a_worker_plans_for_its_own_core_alone(fine_sphere: Mesh) -> None:
-    from joblib import cpu_count
-
-    def signature(piece: Any) -> Any:
-        from meshmash_viewer.decompose import compute_hks
-
-        return compute_hks(piece, max_eigenvalue=300.0, t_min=0.02, t_max=0.2, n_components=3)
-
-    def planned(_: Any) -> int:
-        """Return the default number of slices computed at once."""
-        from meshmash_viewer.spectral.cost import core_count
-
-        return core_count()
-
-    found = {}
-    for n_jobs in (1, 2):
-        stitcher = MeshStitcher(fine_sphere, n_jobs=n_jobs)
-        stitcher.split_mesh(1500)
-        assert len(stitcher.pieces) > 1
-        # Local functions are sent with their code, so workers need not import this file.
-        assert set(stitcher.apply(planned, stitch=False)) == {cpu_count() if n_jobs == 1 else 1}
-        found[n_jobs] = stitcher.apply(signature)
-    np.testing.assert_allclose(found[2], found[1], rtol=1e-9)
-
-
 def test_one_and_two_dimensions_and_types(sphere: Mesh, neuron: Mesh) -> None:
     stitcher = MeshStitcher(sphere, n_jobs=1)
     stitcher.split_mesh(300)
@@ -285,19 +221,6 @@ def test_one_and_two_dimensions_and_types(sphere: Mesh, neuron: Mesh) -> None:
     whole_ones = MeshStitcher(sphere, n_jobs=1).apply(lambda piece: piece[0][:, 0] > 0.0)
     assert whole_ones.dtype == np.bool_
     np.testing.assert_array_equal(whole_ones, sphere.vertices[:, 0] > 0.0)
-
-
-def test_not_stitched_is_a_list_in_the_order_of_the_pieces(sphere: Mesh) -> None:
-    stitcher = MeshStitcher(sphere, n_jobs=1)
-    stitcher.split_mesh(300)
-    sizes = stitcher.apply(lambda piece: len(piece[0]), stitch=False)
-    assert sizes == [len(piece) for piece in stitcher.pieces]
-
-
-def test_splits_with_the_defaults_where_nobody_did(sphere: Mesh) -> None:
-    stitcher = MeshStitcher((sphere.vertices, sphere.faces), n_jobs=1)
-    np.testing.assert_array_equal(stitcher.apply(coordinates), sphere.vertices)
-    assert len(stitcher.pieces) == 1
 
 
 def test_progress_and_cancel(sphere: Mesh) -> None:
@@ -435,10 +358,7 @@ def test_the_overlap_follows_the_longest_time(sphere: Mesh, scale: float) -> Non
 
 def test_small_components_are_left_out_and_filled(three_spheres: Mesh) -> None:
     small = shapes.icosphere(0)
-    mesh = Mesh(
-        np.concatenate([small.vertices + 99.0, three_spheres.vertices]),
-        np.concatenate([small.faces, three_spheres.faces + 12]),
-    )
+    mesh = shapes.together(shapes.moved(small, 99.0), three_spheres)
     stitcher = MeshStitcher(mesh, n_jobs=1)
     for options in ({}, {"overlap_distance": 0.2}):
         stitcher.split_mesh(200, min_vertex_threshold=100, **options)
@@ -532,31 +452,6 @@ def test_the_first_pair_left_out_is_that_of_the_whole(three_spheres: Mesh, n_job
     low = {"filter": lambda values: np.exp(-0.05 * values), **options}
     found = stitcher.apply(spectral_geometry_filter, **low)
     np.testing.assert_allclose(found, whole[:, 2:], rtol=0.02)
-
-
-@pytest.mark.slow
-def test_the_overlap_follows_the_time_of_the_function_that_is_applied(neuron: Mesh) -> None:
-    time = 3.0 * neuron.area / neuron.n_vertices
-    arguments = {
-        "max_eigenvalue": 8.0 / time,
-        "t_min": time,
-        "t_max": 4.0 * time,
-        "n_components": 2,
-    }
-    whole = compute_hks(neuron, **arguments)
-    used = neuron.referenced & (neuron.component_labels == 0)
-
-    def worst(stitcher: MeshStitcher) -> float:
-        found = stitcher.apply(compute_hks, **arguments)
-        errors = np.abs(found[used] / whole[used] - 1.0)
-        return float(np.quantile(errors, 0.99, axis=0).max())
-
-    largest = int(np.bincount(neuron.component_labels[neuron.referenced]).max())
-    size = largest // 3
-    assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size)) < 0.01
-    # A requested overlap is kept, and a warning states its effect.
-    with pytest.warns(TruncationWarning, match=r"columns \(.*1\) differ by .* where pieces meet"):
-        assert worst(MeshStitcher(neuron, n_jobs=1).split_mesh(size, overlap=0.0)) > 0.01
 
 
 def small_features() -> PieceFeatures:

@@ -176,15 +176,6 @@ def test_columns_tell_the_median_and_the_largest_of_their_vertices(wholes, dtype
         assert said["n_left_out"] == used.sum() - 200
 
 
-def test_of_all_pairs_nothing_is_left_out(wholes):
-    whole = wholes["rectangle"]
-    for bank in banks_at(whole.eigenvalues[:100]).values():
-        truncation = truncated_features(whole, bank).truncation
-        for error in (truncation.estimate, truncation.largest_bound):
-            assert (error == 0.0).all(), bank.kind
-        assert truncation.sentence() == ""
-
-
 def test_a_pair_dropped_on_purpose_is_not_missing(wholes):
     part = lowest(wholes["sphere"], 100)
     bank = heat_kernel_bank([0.05])
@@ -310,44 +301,12 @@ def test_required_eigenvalues_and_resolved_times():
 # As many pairs as necessary ----------------------------------------------------------------------
 
 
-def test_a_column_that_misses_much_is_said(sphere):
-    with pytest.warns(TruncationWarning, match=r"columns miss.*hks_t=5.00e-03 about 6.\s%"):
-        compute_hks(sphere, 80.0, t_min=5e-3, t_max=1.0, n_components=4)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        compute_hks(sphere, 80.0, n_components=4)  # times chosen from the spectrum miss nothing
-
-
 def test_one_pair_beside_the_constant_is_no_spectrum_of_zeros(sphere):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", TruncationWarning)
         values = compute_hks(sphere, count=2, drop_first=True)
     assert np.isfinite(values).all()
-
-
-@pytest.mark.slow
-def test_count_and_wavelength_take_the_place_of_the_threshold(sphere):
-    expected = compute_hks(sphere, 40.0, t_min=0.2, t_max=1.0)
-    found = spectral_geometry_filter(sphere, max_eigenvalue=40.0, drop_first=False)[0]
-    by_count = compute_hks(sphere, t_min=0.2, t_max=1.0, count=len(found))
-    by_length = compute_hks(sphere, t_min=0.2, t_max=1.0, wavelength=2.0 * math.pi / math.sqrt(40))
-    np.testing.assert_allclose(by_count, expected, rtol=1e-8)
-    np.testing.assert_allclose(by_length, expected, rtol=1e-8)
-    bands = compute_geometry_vectors(sphere, 40.0, 6)
-    np.testing.assert_allclose(
-        compute_geometry_vectors(sphere, n_components=6, wavelength=2.0 * math.pi / math.sqrt(40)),
-        bands,
-        rtol=1e-8,
-        atol=1e-12,
-    )
-    counted = compute_geometry_vectors(sphere, n_components=6, count=25)
-    top = float(found[24])
-    np.testing.assert_allclose(
-        counted, compute_geometry_vectors(sphere, top, 6, count="auto"), rtol=1e-6, atol=1e-9
-    )
-    # More pairs than exist: all pairs.
-    assert compute_hks(shapes.icosphere(1), count=10**6).shape == (42, 32)
 
 
 def test_auto_takes_as_many_pairs_as_the_shortest_time_needs(sphere, wholes):

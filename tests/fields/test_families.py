@@ -15,6 +15,7 @@ from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS, FAMILIES, FEATURES
 from meshmash_viewer.fields.bank_columns import BankFamily
 from meshmash_viewer.fields.distances import Distances
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
@@ -139,6 +140,17 @@ def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Eigenpairs) ->
             start, end = replace(bands, index=band).support(spectrum)
             outside = (fine < start - 1e-9) | (fine > end + 1e-9)
             assert np.abs(bank(fine)[band][outside]).max(initial=0.0) < 1e-12
+
+
+def test_the_profile_of_eigenfunctions_is_their_values_as_shown(spectrum: Eigenpairs) -> None:
+    chosen, vertex = Eigenfunctions(flipped=frozenset({6})), 77
+    profile = chosen.profile(spectrum, "")
+    assert profile is not None
+    places, heights = profile.dots.values(spectrum.rows[:20, vertex])
+    wanted = spectrum.rows[:20, vertex].copy()
+    wanted[6] *= -1.0
+    np.testing.assert_allclose(heights, wanted[: len(heights)])
+    assert len(places) == len(heights) >= 20
 
 
 def test_a_time_outside_the_range_is_forgotten_and_one_inside_kept(spectrum: Eigenpairs) -> None:

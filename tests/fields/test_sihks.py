@@ -49,6 +49,12 @@ def test_values_are_the_integral(rectangle: Mesh) -> None:
         assert value == pytest.approx(np.hypot(*parts), rel=1e-4)
 
 
+def test_more_frequencies_leave_the_first_ones(rectangle: Mesh) -> None:
+    pairs = solved(rectangle, 40)
+    few, many = (scale_invariant_hks(pairs, count).values for count in (6, 40))
+    np.testing.assert_allclose(many[:, :6], few, rtol=1e-4)
+
+
 def test_a_row_is_computed_as_the_field_that_is_shown(rectangle: Mesh) -> None:
     spectrum = spectrum_of(rectangle, 60)
     family = ScaleInvariantHKS(index=2).resolved(spectrum, {})

@@ -104,16 +104,10 @@ def remarks(scene: Scene, tmp_path: Path) -> tuple[str, ...]:
     return read_gltf(scene.write(tmp_path / "scene.gltf")).remarks
 
 
-def volume(mesh: Mesh) -> float:
-    """Return the signed volume, negative if faces point inwards."""
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
-    return float(np.sum(np.cross(a, b) * c)) / 6.0
-
-
 def is_tetrahedron(mesh: Mesh, count: int = 1, scale: float = 1.0) -> None:
     assert (mesh.n_vertices, mesh.n_faces) == (4 * count, 4 * count)
     assert mesh.area == pytest.approx(count * AREA * scale**2, rel=1e-6)
-    assert volume(mesh) == pytest.approx(count * VOLUME * scale**3, rel=1e-6)
+    assert shapes.signed_volume(mesh) == pytest.approx(count * VOLUME * scale**3, rel=1e-6)
 
 
 # -- arrays ------------------------------------------------------------------------------------
@@ -341,7 +335,7 @@ def test_translation_rotation_and_scale(scale, as_matrix: bool, tmp_path: Path) 
         scene.node(mesh=mesh, scale=scale, rotation=QUARTER, translation=shift.tolist())
     found = read(scene, tmp_path)
     np.testing.assert_allclose(found.vertices, VERTICES @ linear.T + shift, atol=1e-12)
-    assert volume(found) == pytest.approx(VOLUME * abs(np.prod(scale)))
+    assert shapes.signed_volume(found) == pytest.approx(VOLUME * abs(np.prod(scale)))
 
 
 def test_places_add_up_and_a_mesh_is_shared(tmp_path: Path) -> None:
@@ -463,7 +457,7 @@ def test_instances(dtype: str, tmp_path: Path) -> None:
     for at, (turn, scale, shift) in enumerate(zip(matrices, scales, shifts, strict=True)):
         expected = 2.0 * ((VERTICES * scale) @ turn.T + shift)
         np.testing.assert_allclose(found.vertices[4 * at : 4 * at + 4], expected, atol=1e-6)
-    assert volume(found) == pytest.approx(8.0 * VOLUME * (1 + 6 + 1))
+    assert shapes.signed_volume(found) == pytest.approx(8.0 * VOLUME * (1 + 6 + 1))
 
 
 @pytest.mark.parametrize("instances", [{}, {"TRANSLATION": 2, "SCALE": 3}])
@@ -537,7 +531,7 @@ def test_draco(tmp_path: Path) -> None:
     mesh = Mesh(raw.vertices, raw.faces)
     assert (mesh.n_vertices, mesh.n_faces, mesh.n_components) == (8, 8, 2)
     assert mesh.area == pytest.approx(2.0 * AREA, rel=1e-4)
-    assert volume(mesh) == pytest.approx(2.0 * VOLUME, rel=1e-4)
+    assert shapes.signed_volume(mesh) == pytest.approx(2.0 * VOLUME, rel=1e-4)
     np.testing.assert_array_equal(raw.maps[0].values, [*depth[:, 0], *[np.nan] * 4])
 
 
