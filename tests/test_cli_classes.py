@@ -70,19 +70,6 @@ def test_labels_alone_keep_names_and_colours(capsys: pytest.CaptureFixture[str])
     assert [each.color for each in labels.labels] == ["#4477aa", "#ee6677"]
 
 
-@pytest.mark.slow
-def test_a_remark_on_triangles_of_another_size(capsys: pytest.CaptureFixture[str]) -> None:
-    mesh = shapes.blob(3)
-    write_mesh("fine.ply", mv.Mesh(mesh.vertices, mesh.faces, "nm", "fine"))
-    assert main(list(TRAIN)) == 0
-    capsys.readouterr()
-    assert main(["predict", "fine.ply", "--model", "model.skops", "-o", "fine.npz", "--json"]) == 0
-    written = capsys.readouterr()
-    (remark,) = json.loads(written.out)["remarks"]
-    assert "Decimate the mesh" in remark
-    assert written.err == f"meshmash-viewer: fine.ply: {' '.join(remark.split())}\n"
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -104,13 +91,3 @@ def test_what_does_not_do_is_one_line(
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
-
-
-def test_other_arguments_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in (
-        (*TRAIN, "--frob"),
-        ("predict", "A.ply", "--model", "m", "-o", "o", "--frob"),
-    ):
-        with pytest.raises(SystemExit):
-            main(list(arguments))
-        assert "--help" in capsys.readouterr().err

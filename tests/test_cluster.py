@@ -22,7 +22,6 @@ from faults import raises
 from tiers import slow
 
 import meshmash_viewer as mv
-from meshmash_viewer.cli.cluster import connected
 from meshmash_viewer.cli.main import main
 from meshmash_viewer.cli.parser import parsed_command
 from meshmash_viewer.io.write import write_mesh
@@ -179,23 +178,6 @@ def test_a_manifest_holds_the_rows_of_all_runs(capsys: pytest.CaptureFixture[str
 
 
 @pytest.mark.slow
-def test_processes_of_this_machine_keep_freed_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("MALLOC_TRIM_THRESHOLD_", raising=False)
-    names = ("MALLOC_TRIM_THRESHOLD_", "OMP_NUM_THREADS")
-    with connected("local:1") as client:
-        (found,) = client.run(lambda: [os.environ.get(name) for name in names]).values()
-    assert found == [None, "1"]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
-def test_processes_of_this_machine_begin_with_the_compiled_kernels() -> None:
-    with connected("local:1") as client:
-        modules = next(iter(client.run(lambda: set(sys.modules)).values()))
-    assert "meshmash_viewer.spectral.engine.kernels" in modules
-
-
-@pytest.mark.slow
 def test_two_runs_at_once_write_one_manifest() -> None:
     made = "import meshmash_viewer.cli.manifest as it, sys, time; whole = it.written_whole\n"
     # Wait after reading, long enough for the other run to write.
@@ -224,27 +206,6 @@ def test_two_runs_at_once_write_one_manifest() -> None:
 
 
 @pytest.mark.slow
-def test_predict_on_a_cluster(cluster: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    parts = np.where(mv.read_mesh("m0.ply").vertices[:, 0] > 0.5, 1, 2)
-    np.savetxt("m0.csv", parts, fmt="%d", header="part", comments="")
-    trained = ("--t-min", "0.03", "--t-max", "1", "--max-eigenvalue", "20", "-o", "model.skops",
-               "--classifier", "logistic")  # fmt: skip
-    assert main(["train", "m0.ply", "--labels", "m0.csv", "--n-components", "8", *trained]) == 0
-    command = ["predict", "m0.ply", "m2.ply", "--model", "model.skops", "--no-cache"]
-    assert main([*command, "-o", "here/"]) == 0
-    assert main([*command, "-o", "there/", "--scheduler", cluster.scheduler_address]) == 0
-    check_same("here", "there", 2)
-    found = rows("there/manifest_predict.parquet")
-    assert [row["complete"] for row in found] == [True, True]
-    areas = json.loads(found[0]["report"])["areas"]
-    assert sum(areas.values()) == pytest.approx(mv.read_mesh("m0.ply").area)
-    capsys.readouterr()
-    Path("model.skops").write_bytes(Path("model.skops").read_bytes() + b" ")
-    assert main([*command, "-o", "there/", "--resume"]) == 0
-    assert "of them before" not in capsys.readouterr().err
-
-
-@pytest.mark.slow
 def test_pieces_are_tasks(cluster: Any) -> None:
     mesh = shapes.blob(3)
     found = []
@@ -258,19 +219,6 @@ def test_pieces_are_tasks(cluster: Any) -> None:
         assert found[0] == found[1]
         with pytest.raises(PieceError, match=r"piece \d of .*ZeroDivisionError"):
             stitcher.apply(lambda piece: 1 / 0)
-
-
-@pytest.mark.slow
-def test_the_pieces_of_one_mesh_are_the_tasks_of_a_command(cluster: Any) -> None:
-    save(5, 4)
-    command = ["features", "m5.ply", "--pieces", "3", "--count", "30", "--t-min", "2", "--t-max"]
-    for out, more in (
-        ("here/", ["--jobs", "1"]),
-        ("there/", ["--scheduler", cluster.scheduler_address]),
-    ):
-        assert main([*command, "9", "-o", out, *more]) == 0
-    check_same("here", "there", 1)
-    assert rows("there/manifest_features.parquet")[0]["truncation"] > 0.1
 
 
 @pytest.mark.parametrize(
@@ -325,21 +273,6 @@ def test_condense_and_points_take_the_same_options(capsys: pytest.CaptureFixture
     assert capsys.readouterr().out.startswith("out/m0.npz")
 
 
-@pytest.mark.slow
-def test_condense_and_points_on_a_cluster(cluster: Any) -> None:
-    pytest.importorskip("fast_simplification")
-    Path("points.csv").write_text("id,x,y,z\n1,0,0,1\n")
-    written = []
-    for more in ([], ["--scheduler", cluster.scheduler_address]):
-        for command in (CONDENSE, POINTS):
-            assert main([*command, *more]) == 0
-        files = sorted([*Path("out").glob("m*.npz"), *Path("graphs").glob("*.npz")])
-        written.append({file: file.read_bytes() for file in [*files, Path("out/points.csv")]})
-    assert len(written[0]) == 5
-    assert written[0] == written[1]
-    assert len(rows("out/manifest_condense.parquet")) == 2
-
-
 def test_the_script_for_slurm_starts_a_command_that_exists(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -375,20 +308,6 @@ def test_the_script_for_slurm_starts_a_command_that_exists(
     assert options.mesh == [Path("meshes/12.ply"), Path("meshes/34.ply")]
     assert (options.command, options.scheduler) == ("predict", SLURMCluster.scheduler_address)
     assert options.resume
-
-
-@pytest.mark.slow
-def test_segments_of_a_link_have_rows_of_their_own(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    link = f"precomputed://file://{tmp_path}/layer"
-    segments = ["--segment", "12", "--segment", "34"]
-    assert main(["features", link, *segments, "--no-cache", "--resume", "-o", "out/"]) == 2
-    assert "0 of 2 meshes done, 2 failed" in capsys.readouterr().err
-    first, second = rows("out/manifest_features.parquet")
-    assert (first["output"], second["output"]) == ("12.npz", "34.npz")
-    assert first["mesh"].startswith(link)
-    assert first["status"] == "failed"
 
 
 def at_first(file: str, act: Callable[[], None]) -> threading.Thread:

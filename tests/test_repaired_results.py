@@ -14,14 +14,13 @@ import pytest
 import shapes
 from listeners import Listener
 from solved import spectrum_of
-from tiers import slow, slow_but
+from tiers import slow
 
 import meshmash_viewer as mv
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.health import mesh_health
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
@@ -29,7 +28,6 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import Export
 from meshmash_viewer.model.field import request_of
 from meshmash_viewer.model.jobs import prepare
-from meshmash_viewer.model.open_mesh import MeshReady
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
 
@@ -51,9 +49,8 @@ def save(mesh: Mesh, path: Path) -> Path:
 def path(tmp_path: Path) -> Path:
     """Write a small ball of 42 vertices, two loose vertices, and a larger ball of 162."""
     small, large = shapes.icosphere(1), shapes.icosphere(2)
-    vertices = np.concatenate([small.vertices + 9.0, [[4.0, 4.0, 4.0]] * 2, large.vertices])
-    faces = np.concatenate([small.faces, large.faces + 44])
-    return save(Mesh(vertices, faces), tmp_path / "balls.npz")
+    balls = shapes.together(shapes.moved(small, 9.0), np.full((2, 3), 4.0), large)
+    return save(balls, tmp_path / "balls.npz")
 
 
 def run(*arguments: object) -> int:
@@ -96,45 +93,6 @@ def test_the_command_line_counts_as_the_file(
     assert "Vertex 43 was removed by a repair" in capsys.readouterr().err
     assert run(*common[:-4], "--vertex", 206, "-o", out) == 2
     assert "There is no vertex 206: give a whole number from 0 to 205" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "ending", slow_but(["npz", "vtp"], ["npz", "npy", "parquet", "vtp", "ply", "func.gii"])
-)
-def test_whole_meshes_have_as_many_rows_in_every_format(
-    path: Path, tmp_path: Path, ending: str
-) -> None:
-    out = tmp_path / f"out.{ending}"
-    asked = ["features", path, "--largest-component", "--count", 9, "--n-components", 2]
-    assert run(*asked, "--whole-mesh", "-o", out) == 0
-    raw = mv.read_mesh(path)
-    found = raw.with_maps(*mv.read_maps(out, raw)).maps[0]
-    there = ~np.isnan(found.values)
-    assert np.flatnonzero(there).tolist() == list(range(44, 206))
-
-
-@pytest.mark.slow
-def test_pieces_eigenpairs_and_matches_come_to_the_whole_mesh(path: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out.npz"
-    largest = ["--largest-component", "--whole-mesh", "-o", out]
-    pieces = ["--kind", "hks", "--t-min", 0.1, "--t-max", 1, "--pieces", 1, "--count", 20]
-    assert run("features", path, *pieces, *largest) == 0
-    with np.load(out) as archive:
-        assert np.isnan(archive["features"][:44]).all()
-        assert np.isfinite(archive["features"][44:]).all()
-        made = json.loads(str(archive["meta"]))["options"]
-    assert (made["repairs"], made["whole_mesh"]) == ([LARGEST], True)
-    assert run("features", path, "--kind", "eigenpairs", "--count", 9, *largest) == 0
-    with np.load(out) as archive:
-        assert np.isnan(archive["eigenvectors"][:44]).all()
-        np.testing.assert_array_equal(archive["mass"] > 0.0, np.arange(206) >= 44)
-        assert len(archive["vertices"]) == 206
-    assert run("compare", path, path, "--count", 9, *largest) == 0
-    with np.load(out) as archive:
-        match = archive["features"][:, 0]
-    assert np.isnan(match[:44]).all()
-    # Indices of the second mesh also refer to its file.
-    np.testing.assert_array_equal(match[44:], np.arange(44, 206))
 
 
 @pytest.fixture
@@ -197,10 +155,6 @@ def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
         assert "vertices" not in plain
         assert plain.endswith("Repaired before: Keep the largest component.")
         assert "Repaired" not in replace(job, repairs=()).run(listener).remark
-
-
-def ready(mesh: Mesh, **known: Any) -> MeshReady:
-    return MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals, **known)
 
 
 def test_repairs_are_made_again_on_the_numbers_that_they_were_made_on(

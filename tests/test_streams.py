@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import io
-import json
 import os
 import subprocess
 import sys
@@ -90,16 +89,6 @@ def test_help_is_readable_in_every_encoding(
     assert wrong[0] == 2
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
-def test_json_is_the_same_in_every_encoding(
-    encoding: str, ball: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    status, out, _ = redirected(monkeypatch, encoding, "info", ball, "--json", "--unit", "um")
-    assert status == 0
-    assert out.isascii()
-    assert json.loads(out)["name"] == ball.stem
-
-
 @pytest.mark.parametrize("encoding", ["ascii", "cp437", "cp1252", "latin-1", "utf-8"])
 def test_bars_and_warnings_are_readable(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
     held = io.TextIOWrapper(io.BytesIO(), encoding, "strict")
@@ -114,21 +103,6 @@ def test_bars_and_warnings_are_readable(encoding: str, monkeypatch: pytest.Monke
     assert "?" not in said
     assert "50%" in said
     assert written.endswith("µ → λ\n".encode(encoding, "backslashreplace"))
-
-
-@pytest.mark.slow
-def test_a_real_process_with_redirected_output(ball: Path) -> None:
-    """Python chooses the error handlers of real streams."""
-    environment = {name: text for name, text in os.environ.items() if name != "PYTHONUNBUFFERED"}
-    done = subprocess.run(
-        [sys.executable, "-m", "meshmash_viewer", "info", str(ball), str(ball.with_name("π.ply"))],
-        capture_output=True,
-        check=False,
-        env=environment | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"},
-    )
-    assert done.returncode == 2
-    assert "\\u2248" in done.stdout.decode("cp1252")
-    assert b"\\u03c0.ply does not exist" in done.stderr
 
 
 # Missing and closed streams ------------------------------------------------------------------
@@ -154,14 +128,6 @@ def test_without_streams_the_work_is_done(
     warnings.showwarning("a warning", UserWarning, "", 0)
     for stream in opened:
         stream.close()
-
-
-def test_a_bar_without_a_stream_draws_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", None)
-    reports: list[Progress] = []
-    with ProgressBar("bar", reports.append) as bar:
-        bar(Progress("eigenpairs", 0.5))
-    assert reports == [Progress("eigenpairs", 0.5)]
 
 
 class Gone(io.StringIO):
