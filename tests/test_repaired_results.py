@@ -151,10 +151,10 @@ def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
         assert values.shape == (206, n)
         assert (meta["mesh"]["hash"], meta["mesh"]["voxel"]) == (raw.content_hash, [8, 8, 8])
         np.testing.assert_array_equal(np.isfinite(values[:, 0]), np.arange(206) >= 44)
-        plain = replace(job, file_mesh=None).run(listener).remark
+        plain = replace(job, file_mesh=None)(listener).remark
         assert "vertices" not in plain
         assert plain.endswith("Repaired before: Keep the largest component.")
-        assert "Repaired" not in replace(job, repairs=()).run(listener).remark
+        assert "Repaired" not in replace(job, repairs=())(listener).remark
 
 
 def test_repairs_are_made_again_on_the_numbers_that_they_were_made_on(
