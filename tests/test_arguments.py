@@ -129,12 +129,6 @@ def test_written_features_have_columns(tmp_path: Path, features: Any) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_features_are_written_for_any_form_of_a_mesh(tmp_path: Path) -> None:
-    for mesh in (trimesh.Trimesh(VERTICES, FACES, process=False), (VERTICES, FACES)):
-        mv.write_features(tmp_path / "a.npz", FEATURES, mesh)
-        np.testing.assert_array_equal(np.load(tmp_path / "a.npz")["faces"], FACES)
-
-
 @pytest.mark.parametrize("model", [None, "a.skops", FEATURES])
 def test_a_model_is_no_path(model: Any) -> None:
     with raises("wrong-type", "or read_classes"):

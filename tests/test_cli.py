@@ -838,13 +838,9 @@ def test_distances_are_written(
     [
         ("", "give --vertex"),
         ("--vertex 4 --vertex 4", "each once"),
-        ("--vertex x", "a whole number from 0"),
-        ("--vertex 4 --distance walk", "invalid choice"),
-        ("--vertex 4 --time 3", "--distance diffusion"),
         ("--vertex 4 --distance diffusion --time -3", "give a positive number"),
         ("--vertex 4 --n-components 3", "one column for each"),
         ("--vertex 4 --pieces 4", "whole mesh"),
-        ("--vertex 4 --tail weyl", "for heat kernel signatures"),
     ],
 )
 def test_distances_that_cannot_be_had_are_one_line(

@@ -411,21 +411,14 @@ def test_no_filter_returns_pairs_and_drops_exactly_one(neuron, matrices):
     ("filter_", "words"),
     [
         (lambda x: np.ones((2, 3)), "for 30 eigenvalues"),
-        (lambda x: np.ones(5), "for 30 eigenvalues"),
         (lambda x: np.where(x > 0, 1.0, np.inf)[None], "returned inf for the eigenvalue 0:"),
         (lambda x: None, "returned None"),
-        (lambda x: np.nan, "shape () for 30 eigenvalues"),
         (lambda x: np.exp(1j * x)[None], "returned values of type complex128"),
     ],
 )
 def test_filters_that_return_nonsense_are_told_so(neuron, filter_, words):
     with raises("wrong-filter", words):
         spectral_geometry_filter(neuron, filter_, 1.1e-5, drop_first=False)
-
-
-def test_one_filter_needs_no_axis(neuron):
-    flat = spectral_geometry_filter(neuron, lambda x: np.exp(-1e6 * x), THRESHOLD)
-    assert flat.shape == (neuron.n_vertices, 1)
 
 
 def test_a_threshold_of_another_unit_is_explained(three_spheres):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from faults import raises
 
-from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank
+from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.sums import Features, accumulate_features, compute_features
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.spectral.eigensolver import solve
@@ -70,16 +70,6 @@ def test_columns_and_units_follow_bank_and_mesh(decomposition):
     direct = decomposition.eigenvectors**2 @ bank(decomposition.eigenvalues).T
     np.testing.assert_allclose(features.values, direct, rtol=1e-12)
     assert compute_features(decomposition, bank).unit == ""
-
-
-def test_dropping_the_first_drops_exactly_one(decomposition):
-    bank = bspline_bank(0.0, decomposition.eigenvalues[-1], 5)
-    whole = compute_features(decomposition, bank).values
-    rest = compute_features(decomposition, bank, drop_first=True).values
-    first = np.outer(decomposition.rows[0] ** 2, bank([0.0])[:, 0])
-    np.testing.assert_allclose(whole - rest, first, atol=1e-13)
-    single = compute_features(decomposition, bank, dtype=np.float32).values
-    assert single.dtype == np.float32
 
 
 def test_one_name_a_column():

@@ -30,8 +30,8 @@ from meshmash_viewer.features.filters import (
 SPECTRUM = shapes.sphere_eigenvalues(64) * 1e-8
 
 
-@pytest.mark.parametrize("n_components", [1, 2, 3, 4, 5, 8, 32, 128])
-@pytest.mark.parametrize(("e_min", "e_max"), [(0.0, 1e-8), (2e-9, 1e-8), (0.0, 3e4), (-1.0, 7.0)])
+@pytest.mark.parametrize("n_components", [1, 2, 4, 5, 32])
+@pytest.mark.parametrize(("e_min", "e_max"), [(2e-9, 1e-8), (-1.0, 3e4)])
 def test_bsplines_sum_to_one_on_the_range_and_vanish_outside(e_min, e_max, n_components):
     bases = construct_bspline_basis(e_min, e_max, n_components)
     assert len(bases) == n_components
@@ -245,7 +245,7 @@ def test_banks_travel_to_other_processes(bank):
         bank(SPECTRUM.reshape(8, 8))
 
 
-@pytest.mark.parametrize("count", [2, 3, 4, 5, 12])
+@pytest.mark.parametrize("count", [2, 4, 12])
 def test_bands_are_centred_so_that_they_reproduce_the_eigenvalue(count):
     # Splines of degree one and more, weighted by Greville points, reproduce x (Marsden 1970).
     bank = bspline_bank(2.0, 7.0, count)

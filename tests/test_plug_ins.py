@@ -100,28 +100,6 @@ def test_a_plug_in_reads_computes_and_writes(good: Path, tmp_path: Path) -> None
     assert json.loads(done.stdout)["kind"] == "wavelets"
 
 
-def test_a_plug_in_is_read_in_a_process_of_its_own_too(good: Path, tmp_path: Path) -> None:
-    write_medit(tmp_path / "ball.mesh", shapes.icosphere(1))
-    code = "import sys; from pathlib import Path; from meshmash_viewer.io.raw import *\n"
-    code += "from meshmash_viewer.io.read import READERS\n"
-    code += (
-        "raw = read_guarded(READERS['.mesh'], Path('ball.mesh'))\nprint(len(raw.faces), raw.unit)"
-    )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(good), str(ROOT)])}
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("80 mm\n", "")
-
-
-@pytest.mark.slow
-def test_a_file_that_a_plug_in_cannot_read_is_one_sentence(good: Path, tmp_path: Path) -> None:
-    (tmp_path / "ball.mesh").write_text("Vertices 3\n0 0 0 0\n")
-    done = run(good, "info", "ball.mesh", cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "ball.mesh" in done.stderr
-
-
 @pytest.mark.slow
 def test_the_report_lists_them(good: Path, tmp_path: Path) -> None:
     told = " ".join(run(good, "--info", cwd=tmp_path).stdout.split())
@@ -144,19 +122,6 @@ def test_what_cannot_be_used_costs_a_line_each(broken: Path, tmp_path: Path) -> 
             assert why in line
             lines.remove(line)
     assert not lines
-
-
-@pytest.mark.slow
-def test_what_fails_when_it_is_used_is_in_the_report_too(broken: Path, tmp_path: Path) -> None:
-    sample = str(ROOT / "meshmash_viewer" / "samples" / "two_components.npz")
-    options = ("features", sample, "--count", "8", "--no-cache", "-o")
-    done = run(broken, *options, "out.end", cwd=tmp_path)
-    assert done.returncode == 2
-    late = "The plug-in .end of broken 0.3 cannot be used (leaving)"
-    assert late in done.stderr.splitlines()[-1]
-    told = " ".join(run(broken, "--info", cwd=tmp_path).stdout.split())
-    assert "The plug-in lost of broken 0.3 cannot be used" in told
-    assert late in told
 
 
 def test_a_script_may_begin_with_the_plug_in(good: Path, tmp_path: Path) -> None:
