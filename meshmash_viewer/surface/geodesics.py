@@ -75,7 +75,7 @@ class GeodesicSolver:
             raise InputError("no-vertices", "The distance is from no vertex", "give one or more")
         distances = self.unreached()
         distances[sources] = 0.0
-        exact = unfold(self._surface, distances, _EXACT)
+        exact = unfold(self._surface, self._fans[1], distances, _EXACT)
         seeds = np.flatnonzero(np.isfinite(distances))
         march(self._surface, *self._fans, distances, seeds, exact, _ANY, np.inf)
         distances[np.isinf(distances) | ~self.mesh.referenced] = np.nan

@@ -27,6 +27,8 @@ _LONGEST = 0.5
 _EXTENDED = 4
 #: Difference of the angles of faces that share a vertex and no edge.
 _APART = 100.0
+#: Smallest whole angle of a vertex at which shortest paths may turn: 2π, less its rounding error.
+_STRAIGHT = 2.0 * np.pi - 1e-5
 
 
 @numba.njit(cache=True, nogil=True)
@@ -229,10 +231,10 @@ def _cross(base, left, right, here, there, first, last):  # type: ignore[no-unty
 
 
 @numba.njit(cache=True, nogil=True)
-def unfold(surface, distance, budget):  # type: ignore[no-untyped-def]
+def unfold(surface, whole, distance, budget):  # type: ignore[no-untyped-def]
     """Compute exact distances near sources; return the distance up to which they are exact.
 
-    A window is a part of a side that is seen in straight lines, through a strip of unfolded faces,
+    `whole` are the angles of `fans`. A window is a part of a side that is seen in straight lines, through a strip of unfolded faces,
     from a source or a vertex at which shortest paths may turn. Windows are continued through the
     faces, nearest first [1]_, until about `budget` faces have been visited.
 
@@ -258,16 +260,18 @@ def unfold(surface, distance, budget):  # type: ignore[no-untyped-def]
             budget -= 1 + _continue(surface, distance, best, split, windows, queue, windows[item])
         elif here <= distance[-1 - item]:
             v = -1 - item
-            budget -= starts[v + 1] - starts[v] + _leave(surface, distance, windows, queue, v)
+            # paths turn at sources, and at vertices except inside a closed fan of less than 2π
+            turns = here == 0.0 or not 0.0 < whole[v] < _STRAIGHT
+            budget -= starts[v + 1] - starts[v]
+            budget -= _leave(surface, distance, windows, queue, v, turns)
     return queue[0][0] if len(queue) else np.inf
 
 
 @numba.njit(cache=True, nogil=True)
-def _leave(surface, distance, windows, queue, v):  # type: ignore[no-untyped-def]
+def _leave(surface, distance, windows, queue, v, turns):  # type: ignore[no-untyped-def]
     """Follow the edges of a vertex, and make windows of the opposite sides if paths turn at it."""
-    _, around, faces, sides = surface
-    starts, here, visited = surface[0], distance[v], 0
-    turns = here == 0.0 or _turns(surface, v)
+    starts, around, faces, sides = surface
+    here, visited = distance[v], 0
     for place in range(starts[v], starts[v + 1]):
         f = around[place]
         k = _corner(faces, f, v)
@@ -352,17 +356,3 @@ def _enter(surface, windows, queue, f, p, q, length, window):  # type: ignore[no
                 windows.append((g, k, length - high, length - low, length - x, y, before))
             heapq.heappush(queue, (nearest, len(windows) - 1))
     return starts[p + 1] - starts[p]
-
-
-@numba.njit(cache=True, nogil=True)
-def _turns(surface, v):  # type: ignore[no-untyped-def]
-    """Return whether a shortest path may turn at a vertex: except inside a closed fan, below 2π."""
-    starts, around, faces, sides = surface
-    first, total, passed = around[starts[v]], 0.0, 0
-    f, u = first, faces[first, (_corner(faces, first, v) + 1) % 3]
-    while f >= 0 and (passed == 0 or f != first):
-        passed += 1
-        total += _angle(sides, f, _corner(faces, f, v))
-        u = faces[f, 0] + faces[f, 1] + faces[f, 2] - u - v
-        f = _other(starts, around, faces, f, v, u)
-    return f < 0 or passed < starts[v + 1] - starts[v] or total > 2.0 * np.pi * (1.0 - 1e-9)
