@@ -39,6 +39,24 @@ def matrices(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     return half[:, None] * L.toarray() * half, half
 
 
+def spectrum(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Return all eigenvalues and eigenvectors."""
+    A, half = matrices(mesh)
+    values, vectors = eigh(A)
+    values[0] = 0.0
+    return values, half[:, None] * vectors
+
+
+def by_measure(
+    values: np.ndarray, phi: np.ndarray, vertex: int, time: float
+) -> dict[str, np.ndarray]:
+    return {
+        "biharmonic": biharmonic_distance(values, phi, vertex),
+        "commute": commute_time_distance(values, phi, vertex),
+        "diffusion": diffusion_distance(values, phi, vertex, time),
+    }
+
+
 def from_kernel(kernel: np.ndarray, vertex: int) -> np.ndarray:
     """Return distances from a vertex for a kernel of inner products."""
     square = kernel[vertex, vertex] + np.diag(kernel) - 2.0 * kernel[vertex]
@@ -49,15 +67,10 @@ def from_kernel(kernel: np.ndarray, vertex: int) -> np.ndarray:
 def test_of_all_pairs_they_are_those_of_dense_inverses(name: str) -> None:
     mesh, vertex = MESHES[name](), 7
     A, half = matrices(mesh)
-    values, vectors = eigh(A)
-    values[0], phi = 0.0, half[:, None] * vectors
     inverse = pinvh(A)
-    scale = half[:, None] * half
-    for found, kernel in (
-        (biharmonic_distance(values, phi, vertex), inverse @ inverse),
-        (commute_time_distance(values, phi, vertex), inverse),
-        (diffusion_distance(values, phi, vertex, 0.3), expm(-0.6 * A)),
-    ):
+    scale, kernels = half[:, None] * half, (inverse @ inverse, inverse, expm(-0.6 * A))
+    distances = by_measure(*spectrum(mesh), vertex, 0.3).values()
+    for found, kernel in zip(distances, kernels, strict=True):
         wanted = from_kernel(scale * kernel, vertex)
         np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8 * wanted.max())
 
@@ -68,15 +81,7 @@ def test_they_scale_as_their_units_say(power: int, which: str) -> None:
     larger = Mesh(5.0 * mesh.vertices, mesh.faces)
     found = []
     for each, time in ((mesh, 0.4), (larger, 10.0)):
-        A, half = matrices(each)
-        values, vectors = eigh(A)
-        given = np.maximum(values, 0.0), half[:, None] * vectors, 3
-        distances = {
-            "biharmonic": lambda given=given: biharmonic_distance(*given),
-            "commute": lambda given=given: commute_time_distance(*given),
-            "diffusion": lambda given=given, time=time: diffusion_distance(*given, time),
-        }
-        found.append(distances[which]())
+        found.append(by_measure(*spectrum(each), 3, time)[which])
     np.testing.assert_allclose(found[1], 5.0**power * found[0], rtol=1e-6, atol=1e-9)
 
 
@@ -115,16 +120,9 @@ def test_times_and_shapes_are_checked() -> None:
 )
 def test_what_is_missing_is_about_as_expected(kind: str, within: float) -> None:
     mesh, time = shapes.icosphere(3), 0.02
-    A, half = matrices(mesh)
-    values, vectors = eigh(A)
-    values[0], phi = 0.0, half[:, None] * vectors
+    values, phi = spectrum(mesh)
     kept = 60
-    function = {
-        "biharmonic": biharmonic_distance,
-        "commute": commute_time_distance,
-        "diffusion": lambda *given: diffusion_distance(*given, time),
-    }[kind]
-    whole, part = function(values, phi, 5), function(values[:kept], phi[:, :kept], 5)
+    whole, part = (by_measure(values[:k], phi[:, :k], 5, time)[kind] for k in (None, kept))
     missing = np.median(whole**2 - part**2)
     expected = missing_square(kind, values[:kept], mesh.area, mesh.n_vertices, time)
     assert 1.0 / within < expected / missing < within
@@ -169,13 +167,8 @@ def test_columns_are_the_distances_from_each_vertex(measure: str) -> None:
     assert not elsewhere[:n, 0].any()
     assert elsewhere[:n, 1].all()
     assert not elsewhere[n:-1, 1].any(), "the last vertex belongs to no face"
-    spectral = pairs.eigenvalues, pairs.eigenvectors, 3
-    wanted = {
-        "geodesic": lambda: geodesic_distance(mesh, 3),
-        "biharmonic": lambda: biharmonic_distance(*spectral),
-        "commute": lambda: commute_time_distance(*spectral),
-        "diffusion": lambda: diffusion_distance(*spectral, 0.3),
-    }[measure]()
+    spectral = by_measure(pairs.eigenvalues, pairs.eigenvectors, 3, 0.3)
+    wanted = {"geodesic": geodesic_distance(mesh, 3), **spectral}[measure]
     np.testing.assert_allclose(found.values[:n, 0], wanted[:n], rtol=1e-9)
     unit = {"geodesic": "nm", "biharmonic": "nm", "commute": "", "diffusion": "nm⁻¹"}[measure]
     assert (found.unit, found.meta["vertices"]) == (unit, [3, n + 5])
