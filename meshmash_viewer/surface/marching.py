@@ -234,9 +234,10 @@ def _cross(base, left, right, here, there, first, last):  # type: ignore[no-unty
 def unfold(surface, whole, distance, budget):  # type: ignore[no-untyped-def]
     """Compute exact distances near sources; return the distance up to which they are exact.
 
-    `whole` are the angles of `fans`. A window is a part of a side that is seen in straight lines, through a strip of unfolded faces,
-    from a source or a vertex at which shortest paths may turn. Windows are continued through the
-    faces, nearest first [1]_, until about `budget` faces have been visited.
+    A window is a part of a side that is seen in straight lines, through a strip of unfolded faces,
+    from a source or a vertex at which shortest paths may turn, by its `whole` angle (`fans`).
+    Windows are continued through the faces, nearest first [1]_, until about `budget` faces have
+    been visited.
 
     `distance`, shape (n,), is 0 at sources, infinite elsewhere, and updated. Those above the
     returned distance are lengths of some path, not of the shortest.
