@@ -56,19 +56,6 @@ def test_a_list_of_parameters_has_the_same_limit(bank: Callable[..., Any]) -> No
         mv.formula_bank("exp(-t*x)", t=np.geomspace(1.0, 2.0, MOST_FILTERS + 1))
 
 
-@pytest.mark.parametrize(
-    "bank",
-    [
-        lambda count: mv.heat_kernel_bank(np.geomspace(1.0, 2.0, count)),
-        lambda count: mv.wave_kernel_bank(EIGENVALUES, count),
-    ],
-)
-def test_names_of_many_columns_take_no_time(bank: Callable[[int], mv.FilterBank]) -> None:
-    """Every name was made from all parameters: 20,000 columns took minutes."""
-    names = bank(20_000).columns
-    assert len(set(names)) == 20_000
-
-
 @pytest.fixture
 def little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let 5 MB of memory be free, and computation of eigenpairs fail."""

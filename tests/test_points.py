@@ -155,42 +155,24 @@ def test_without_pyarrow_it_is_named(
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "code", "word"),
     [
-        ("", "s.csv is no table (Empty CSV file): export it again."),
-        ("x,y,z\n", "s.csv has no rows: export it again."),
-        (
-            "a,b\n1,2\n",
-            "s.csv has no position: a position is three columns such as x, y, z or pre_x, pre_y,"
-            " pre_z, or one column of three numbers: rename its columns, which are a, b.",
-        ),
-        (
-            "pre_x,pre_y,pre_z,post_x,post_y,post_z\n1,2,3,4,5,6\n",
-            "s.csv has several positions in a row: name one of pre, post.",
-        ),
-        ("x,y,z\nnan,1,2\n,,\n", "s.csv has no position in any of its rows: export it again."),
-        (
-            "x,y,z\n1,2,3\n1,two,3\n",
-            "s.csv has 'two' as y in row 2, which is not a number: correct that row.",
-        ),
-        (
-            "x,y,z\n1,2,3\n1,2\n",
-            "s.csv is no table (CSV parse error: Row #3: Expected 3 columns, got 2: 1,2): export it"
-            " again.",
-        ),
-        ("x,y,z,x\n1,2,3,4\n", "s.csv has two columns called 'x': rename one."),
-        (
-            "id,pos\n1,[1 2 3]\n2,[1 2]\n",
-            "s.csv has '[1 2]' as pos in row 2, which is not three numbers: correct that row.",
-        ),
+        ("", "wrong-format", "is no table (Empty CSV file)"),
+        ("x,y,z\n", "no-points", "has no rows"),
+        ("a,b\n1,2\n", "no-column", "rename its columns, which are a, b."),
+        ("a_x,a_y,a_z,b_x,b_y,b_z\n1,2,3,4,5,6\n", "several-positions", "name one of a, b."),
+        ("x,y,z\nnan,1,2\n,,\n", "no-points", "no position in any of its rows"),
+        ("x,y,z\n1,2,3\n1,two,3\n", "not-a-number", "'two' as y in row 2"),
+        ("x,y,z\n1,2,3\n1,2\n", "wrong-format", "Row #3: Expected 3 columns, got 2: 1,2"),
+        ("x,y,z,x\n1,2,3,4\n", "given-twice", "two columns called 'x'"),
+        ("id,pos\n1,[1 2 3]\n2,[1 2]\n", "not-a-number", "'[1 2]' as pos in row 2"),
     ],
 )
-def test_bad_tables(tmp_path: Path, text: str, said: str) -> None:
+def test_bad_tables(tmp_path: Path, text: str, code: str, word: str) -> None:
     path = tmp_path / "s.csv"
     path.write_text(text)
-    with pytest.raises(InputError) as fault:
+    with raises(code, "s.csv ", word):
         mv.read_points(path)
-    assert str(fault.value) == said
 
 
 @pytest.mark.parametrize(
@@ -348,12 +330,8 @@ WIDE = [720575940612345679, None, 720575940612345681]
     "ids",
     [
         pandas.Series(WIDE, dtype="Int64"),
-        pandas.Series(WIDE, dtype="UInt64"),
         pandas.Series(WIDE, dtype="int64[pyarrow]"),
-        pandas.Series(WIDE, dtype=object).fillna(pandas.NA),
         pandas.Series(pandas.Categorical(WIDE)),
-        pandas.array(WIDE, dtype="Int64"),
-        pyarrow.array(WIDE),
         pyarrow.chunked_array([WIDE[:1], WIDE[1:]]),
         np.array(WIDE, dtype=object),
         WIDE,
@@ -378,9 +356,7 @@ TABLE = synapses(20)
     [
         TABLE.set_index("id"),
         TABLE.set_index(["id", "type"]),
-        TABLE.set_index("id", drop=False),
         TABLE.convert_dtypes(dtype_backend="pyarrow").set_index("id"),
-        TABLE.rename(columns=lambda name: ("ctr_pt", name[-1]) if "ctr" in name else (name, "")),
         TABLE.set_axis(
             pandas.MultiIndex.from_tuples(
                 [("ctr_pt", name[-1]) if "ctr" in name else (name, "") for name in TABLE]
@@ -388,7 +364,6 @@ TABLE = synapses(20)
             axis=1,
         ),
         pyarrow.Table.from_pandas(TABLE),
-        pyarrow.RecordBatch.from_pandas(TABLE),
         {name: pyarrow.array(TABLE[name]) for name in TABLE},
         TABLE.iloc[::-1],
     ],

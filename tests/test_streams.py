@@ -18,7 +18,7 @@ from tiers import slow_but
 
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.cli.parser import COMMANDS
-from meshmash_viewer.cli.streams import answer, prepare_streams, say
+from meshmash_viewer.cli.streams import answer
 from meshmash_viewer.progress import Progress, ProgressBar
 
 #: Encodings of terminals and redirected output: POSIX, DOS, Windows, mainframes.
@@ -87,22 +87,6 @@ def test_help_is_readable_in_every_encoding(
     assert "?" not in out.replace('"*.ply"', "")
     wrong = redirected(monkeypatch, encoding, *filter(None, (command,)), "--größer")
     assert wrong[0] == 2
-
-
-@pytest.mark.parametrize("encoding", ["ascii", "cp437", "cp1252", "latin-1", "utf-8"])
-def test_bars_and_warnings_are_readable(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    held = io.TextIOWrapper(io.BytesIO(), encoding, "strict")
-    monkeypatch.setattr(sys, "stderr", held)
-    prepare_streams()
-    with ProgressBar("Kügelchen λ", leave=True) as bar:
-        bar(Progress("eigenpairs", 0.5, message="λ ≈ 3"))
-    say("µ → λ")
-    held.flush()
-    written = held.buffer.getvalue()
-    said = written.decode(encoding)
-    assert "?" not in said
-    assert "50%" in said
-    assert written.endswith("µ → λ\n".encode(encoding, "backslashreplace"))
 
 
 # Missing and closed streams ------------------------------------------------------------------

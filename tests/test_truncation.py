@@ -369,17 +369,6 @@ def test_the_tail_is_that_of_heat_kernel_signatures(wholes):
         compute_features(lowest(wholes["sphere"], 9), bspline_bank(0.0, 9.0, 4), tail="weyl")
 
 
-def test_the_tail_brings_hks_nearer(sphere, wholes):
-    expected = truncated_features(wholes["sphere"], heat_kernel_bank([0.02, 1.0])).values
-    options = {"t_min": 0.02, "t_max": 1.0, "n_components": 2, "count": 100}
-    with pytest.warns(TruncationWarning):
-        plain = compute_hks(sphere, **options)
-    with pytest.warns(TruncationWarning):
-        added = compute_hks(sphere, tail="weyl", **options)
-    errors = [np.median(np.abs(each - expected)[:, 0]) for each in (plain, added)]
-    assert errors[1] < 0.5 * errors[0]
-
-
 def test_a_band_beyond_where_the_law_ends_may_be_missing_as_a_whole(wholes):
     whole = wholes["neuron"]
     beyond = 0.9 * float(whole.eigenvalues[-1])
@@ -440,25 +429,18 @@ def test_the_hks_filter_warns_as_compute_hks_does(sphere, time):
 #: Filter functions for all eigenvalues below 40, with a part of the expected warning.
 OPEN_ENDS = {
     "all": (np.ones_like, "1 filter is not small"),
-    "slow decay": (lambda x: np.exp(-0.1 * x), "up to 1.9 %"),
     "fast decay": (lambda x: np.exp(-0.2 * x), ""),
     "rising": (lambda x: x, "up to 100 %"),
     "high pass": (lambda x: (x > 20.0).astype(float), "1 filter is not small"),
     "low pass": (lambda x: (x < 20.0).astype(float), ""),
-    "low pass beyond": (lambda x: (x < 400.0).astype(int), "1 filter is not small"),
     "negative": (lambda x: -np.ones((1, len(x))), "up to 100 %"),
-    "none": (np.zeros_like, ""),
     "one of two": (lambda x: np.exp(-np.outer([0.01, 1.0], x)), "1 of 2 filters is not small"),
-    "two of three": (lambda x: np.exp(-np.outer([0.0, 0.01, 1.0], x)), "2 of 3 filters are not"),
-    "several": (lambda x: np.ones((4, len(x)), dtype=bool), "4 filters are not small"),
     "relative": (lambda x: np.exp(-x / x.max()), "up to 37 %"),
     "changes what it gets": (lambda x: np.exp(0.0 * np.multiply(x, 0.0, out=x)), "1 filter is not"),
 }
 
 
-@pytest.mark.parametrize(
-    "name", slow_but(["slow decay", "fast decay", "rising", "one of two", "several"], OPEN_ENDS)
-)
+@pytest.mark.parametrize("name", slow_but(["fast decay", "rising", "one of two"], OPEN_ENDS))
 def test_any_filter_that_is_not_small_at_the_last_eigenvalue_is_said(sphere, name):
     filter_, wanted = OPEN_ENDS[name]
     said = _said(sphere, filter_)
