@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -44,57 +44,6 @@ SIGNALS = tuple(
 )
 #: Number of pairs proven before, and number of pairs requested.
 PROVEN, WANTED = 60, 300
-#: Script of a window that opens a mesh, computes its pairs, writes their HKS, and closes when it
-#: has finished or has shown an error.
-_WINDOW = f"""
-import sys
-from pathlib import Path
-from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QApplication
-from meshmash_viewer.app.run import application, run_app
-from meshmash_viewer.fields import EXPORTS
-from meshmash_viewer.model.export import Export
-from meshmash_viewer.spectral.engine.request import Request
-from meshmash_viewer.spectral.weyl import Target
-
-said, done = [], set()
-
-def tell(notice):
-    said.append(notice)
-    print(notice.severity.name, notice.text, file=sys.stderr, flush=True)
-
-def look():
-    for window in QApplication.topLevelWidgets():
-        document = getattr(window, "document", None)
-        if document is None:
-            continue
-        if "listening" not in done:
-            done.add("listening")
-            document.notices.shown.connect(tell)
-        spectrum = document.spectrum
-        if document.ready is None:
-            if said and document.work.job is None:
-                window.close()
-        elif document.solve.target != Target("count", {WANTED}):
-            document.solve.target = Target("count", {WANTED})
-            document.solve.compute()
-        elif document.work.job is None:
-            complete = spectrum is not None and spectrum.complete and len(spectrum) >= {WANTED}
-            if complete and "exported" not in done:
-                done.add("exported")
-                out, family = Path(sys.argv[2]), EXPORTS["hks"].exported(32)
-                operator = document.solve.operator
-                document.work.write(out, Export(document.mesh, operator, out, family, {WANTED}))
-            else:
-                window.close()
-
-if __name__ == "__main__":
-    application()
-    timer = QTimer(interval=20)
-    timer.timeout.connect(look)
-    timer.start()
-    sys.exit(run_app(Path(sys.argv[1]), fresh=True))
-"""
 #: Paths allowed in a cache folder while no process writes into it.
 _BELONGS = re.compile(
     r"eigenpairs(/locks(/[0-9a-f]{32}\.lock)?"
@@ -111,7 +60,7 @@ class Undisturbed:
     mesh : Mesh
     path : Path
         File of the mesh.
-    eigenvalues, heat_kernel : ndarray of float64
+    eigenvalues : ndarray of float64
     proven : Path
         A cache folder with the first pairs.
     rows : ndarray of float64
@@ -123,34 +72,28 @@ class Undisturbed:
     mesh: Mesh
     path: Path
     eigenvalues: FloatArray
-    heat_kernel: FloatArray
     proven: Path
     rows: FloatArray
     seconds: dict[str, float]
 
 
-def prepare(
-    folder: Path, n_vertices: int = 4000, kinds: Sequence[str] = ("command line", "worker")
-) -> Undisturbed:
-    """Write a mesh, and run each kind once without a kill; "window" is a third kind."""
+def prepare(folder: Path, n_vertices: int) -> Undisturbed:
+    """Write a mesh, and run each kind once without a kill."""
     mesh = blanket(n_vertices)
     path = folder / "blanket.npz"
     np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
     with cache_at(folder / "whole"):
         whole = obtain_eigenpairs(mesh, OPERATOR, Request(WANTED))[0]
-        heat = _heat_kernel(whole.eigenvalues, whole.rows)
     with cache_at(folder / "proven"):
         obtain_eigenpairs(mesh, OPERATOR, Request(PROVEN))
     seconds = {}
-    for kind in kinds:
+    for kind in ("command line", "worker"):
         began = time.perf_counter()
         with _running(kind, mesh, path, folder / f"timed {kind}") as process:
             process.wait()
         seconds[kind] = time.perf_counter() - began
     eigenvalues = np.array(whole.eigenvalues)
-    return Undisturbed(
-        mesh, path, eigenvalues, heat, folder / "proven", np.array(whole.rows), seconds
-    )
+    return Undisturbed(mesh, path, eigenvalues, folder / "proven", np.array(whole.rows), seconds)
 
 
 def kill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) -> str:
@@ -190,7 +133,6 @@ def kill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
         process.send_signal(how)
         if kind != "worker":
             process.wait(60)
-            # Child processes of a window end with it, however it ends.
             _, alive = psutil.wait_procs(family, timeout=20)
             assert not alive, (what, alive)
     with cache_at(folder / "cache"):
@@ -239,14 +181,15 @@ def cache_at(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a process that computes the pairs: a command line, a window, or a window's worker."""
+    """Run a process that computes the pairs: a command line or a window's worker."""
     (folder / "tmp").mkdir(parents=True)
     environment = os.environ | {
         "MESHMASH_CACHE": str(folder / "cache"),
         "TMPDIR": str(folder / "tmp"),
     }
     if kind != "worker":
-        command = _command(kind, path, folder / "hks.npz", folder)
+        command = [sys.executable, "-m", "meshmash_viewer", "features", str(path), "--kind", "hks"]
+        command += ["--count", str(WANTED), "-o", str(folder / "hks.npz")]
         with subprocess.Popen(
             command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         ) as process:
@@ -270,17 +213,6 @@ def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subpro
             listener.join()
 
 
-def _command(kind: str, path: Path, out: Path, folder: Path) -> list[str]:
-    """Return the command that computes the pairs of a mesh and writes their HKS."""
-    if kind == "window":
-        # The worker is spawned, so it imports the window's script from a file.
-        script = folder / "window.py"
-        script.write_text(_WINDOW)
-        return [sys.executable, str(script), str(path), str(out)]
-    command = [sys.executable, "-m", "meshmash_viewer", "features", str(path)]
-    return [*command, "--kind", "hks", "--count", str(WANTED), "-o", str(out)]
-
-
 def _listen(wire: Wire, process: subprocess.Popen[bytes]) -> None:
     """Receive the worker's messages; kill it when it has finished."""
     with suppress(EOFError, OSError, ValueError):
@@ -289,8 +221,3 @@ def _listen(wire: Wire, process: subprocess.Popen[bytes]) -> None:
             if kind in ("finished", "failed", "cancelled"):
                 process.kill()
                 return
-
-
-def _heat_kernel(eigenvalues: FloatArray, rows: FloatArray) -> FloatArray:
-    times = np.array([1.0, 10.0, 100.0]) / eigenvalues[-1]
-    return np.exp(-np.outer(times, eigenvalues)) @ np.square(rows)
