@@ -121,14 +121,13 @@ def run_limit(folder: Path, k: int) -> dict[str, Any]:
     from meshmash_viewer.spectral.engine.factorization import order_pencil
     from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 
-    stop = np.zeros(1, dtype=np.uint8)
     pencil = reduce_pencil(*read_matrices(folder))
     with threadpool_limits(1):
         order_pencil(pencil)  # loads kernels
         order = best(lambda: order_pencil(pencil), 2)
         ordered = order_pencil(pencil)
-        factor = ordered.factor(0.5 * k, 0.1, stop)
-        factored = best(lambda: ordered.factor(0.5 * k, 0.1, stop), 3)
+        factor = ordered.factor(0.5 * k, 0.1)
+        factored = best(lambda: ordered.factor(0.5 * k, 0.1), 3)
         block = np.random.default_rng(0).standard_normal((pencil.n, 8))
         column = best(lambda: factor.solve(block), 5) / 8.0
         rates = []

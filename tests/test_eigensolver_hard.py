@@ -22,7 +22,8 @@ from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine.factorization import order_pencil
-from meshmash_viewer.spectral.engine.lanczos import Interval, find_pairs, run_slices
+from meshmash_viewer.spectral.engine.lanczos import find_pairs, run_slices
+from meshmash_viewer.spectral.engine.pairs import Interval
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 
@@ -154,7 +155,7 @@ def test_bits_do_not_depend_on_the_number_of_workers() -> None:
 def slice_of(matrices: Matrices, low: int, high: int) -> tuple[Any, list[Interval]]:
     """Return the pencil in elimination order, and its slices between two counts."""
     ordered = order_pencil(reduce_pencil(*matrices))
-    plan = SpectrumPlan(ordered, np.zeros(1, dtype=np.uint8), lambda pairs: [pairs / 2] * 2)
+    plan = SpectrumPlan(ordered, lambda pairs: [pairs / 2] * 2)
     ends = plan.find(low, low + 5), plan.find(high, high + 5)
     return ordered, list(plan.slices(*ends))
 
@@ -164,16 +165,15 @@ def test_residuals_high_in_the_spectrum_are_small_against_their_slice(tolerance:
     # Eigenvectors of two slices are orthogonal only up to residual over distance of slices.
     ordered, intervals = slice_of(torus(50, 40, 1.0, 1.3)[0], 1000, 1060)
     interval = intervals[0]
-    pairs = find_pairs(ordered, interval, tolerance, np.zeros(1, dtype=np.uint8))
+    pairs = find_pairs(ordered, interval, tolerance)
     assert interval.high - interval.low < 0.05 * interval.low
     assert pairs.residuals.max() <= tolerance * (interval.high - interval.low)
 
 
 def test_leaving_slices_ends_their_threads() -> None:
     ordered, intervals = slice_of(torus(50, 40, 1.0, 1.3)[0], 20, 240)
-    stop = np.zeros(1, dtype=np.uint8)
     threads = threading.active_count()
-    slices = run_slices(ordered, 8 * intervals, 1e-10, 2, stop)
+    slices = run_slices(ordered, 8 * intervals, 1e-10, 2)
     next(slices)
     slices.close()
     assert threading.active_count() == threads

@@ -21,10 +21,11 @@ def test_rotation_takes_mixed_neighbours_apart(p: int) -> None:
     random = np.random.default_rng(3)
     mixing = np.eye(p) + 1e-3 * random.standard_normal((p, p))
     rows = np.ascontiguousarray(mixing @ columns.T[1 : 1 + p])
-    values, orthonormality = rotate_to_pairs(ordered, rows)
-    np.testing.assert_allclose(values, truth[1 : 1 + p], rtol=1e-11)
-    np.testing.assert_allclose(values * pencil.unit, exact[1 : 1 + p], rtol=1e-9)
-    assert orthonormality < 1e-13
+    pairs = rotate_to_pairs(ordered, rows)
+    np.testing.assert_allclose(pairs.values, truth[1 : 1 + p], rtol=1e-11)
+    np.testing.assert_allclose(pairs.values * pencil.unit, exact[1 : 1 + p], rtol=1e-9)
+    assert pairs.orthonormality is not None
+    assert pairs.orthonormality < 1e-13
     assert measure_pairs(ordered, rows)[1].max() < 1e-9
 
 

@@ -18,7 +18,6 @@ from meshmash_viewer.spectral.engine import factorization
 from meshmash_viewer.spectral.engine.factorization import FactorizationError
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 
-STOP = np.zeros(1, dtype=np.uint8)
 SIZES = partial(slice_sizes, 100_000)
 
 
@@ -31,7 +30,7 @@ class Spectrum:
         self.kept: dict[float, Any] = {}
         self.counted: list[float] = []
 
-    def factor(self, shift: float, _nudge: float, _stop: Any) -> Any:
+    def factor(self, shift: float, _nudge: float) -> Any:
         """Return a factor with the count below a shift."""
         self.counted.append(shift)
         count = self.n_null + int(self.scale * shift**self.power)
@@ -43,7 +42,7 @@ class Spectrum:
 @pytest.mark.parametrize("wanted", [60, 100, 300, 1000])
 def test_a_few_counts_find_the_top(power: float, scale: float, wanted: int) -> None:
     spectrum = Spectrum(30, scale * 100.0 ** (1.0 - power), power)
-    plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+    plan = SpectrumPlan(spectrum, SIZES)  # type: ignore[arg-type]
     most = wanted + max(4, wanted // 40)
     top = plan.find_top(wanted, most)
     assert wanted <= plan.count(top) <= most
@@ -52,7 +51,7 @@ def test_a_few_counts_find_the_top(power: float, scale: float, wanted: int) -> N
 
 def test_slices_have_their_shifts_where_was_counted() -> None:
     spectrum = Spectrum(1, 0.95, 1.0)
-    plan = SpectrumPlan(spectrum, STOP, SIZES, n_jobs=2)  # type: ignore[arg-type]
+    plan = SpectrumPlan(spectrum, SIZES, n_jobs=2)  # type: ignore[arg-type]
     top = plan.find_top(200, 205)
     assert len(spectrum.kept) == 2
     n_counted = len(spectrum.counted)
@@ -68,7 +67,7 @@ def test_slices_have_their_shifts_where_was_counted() -> None:
 def test_a_long_run_begins_with_a_small_slice() -> None:
     spectrum = Spectrum(1, 0.95, 1.0)
     sizes = partial(slice_sizes, 1_000_000, early=True)
-    plan = SpectrumPlan(spectrum, STOP, sizes, n_jobs=2)  # type: ignore[arg-type]
+    plan = SpectrumPlan(spectrum, sizes, n_jobs=2)  # type: ignore[arg-type]
     top = plan.find_top(300, 305)
     small, first, second = plan.slices(0.0, top)
     assert 8 <= small.n_expected <= 25
@@ -100,7 +99,7 @@ def test_the_lowest_pairs_come_first_where_they_are_waited_for(
 
 
 def test_a_slice_is_shifted_to_the_count_nearest_its_middle() -> None:
-    plan = SpectrumPlan(Spectrum(1, 0.95, 1.0), STOP, SIZES)  # type: ignore[arg-type]
+    plan = SpectrumPlan(Spectrum(1, 0.95, 1.0), SIZES)  # type: ignore[arg-type]
     knots = [plan.find(count, count + 2) for count in (20, 48, 75, 100)]
     slices = plan.interval(0.0, knots[-1])
     assert slices.shift == knots[1]
@@ -112,9 +111,9 @@ def test_no_factor_is_made_twice(monkeypatch: pytest.MonkeyPatch, n_jobs: int) -
     kind: Any = factorization.Factor
     make = kind.__init__
 
-    def note(self: Any, ordered: Any, shift: float, stop: Any) -> None:
+    def note(self: Any, ordered: Any, shift: float) -> None:
         shifts.append(shift)
-        make(self, ordered, shift, stop)
+        make(self, ordered, shift)
 
     monkeypatch.setattr(kind, "__init__", note)
     found = solve(*torus(60, 50, 1.0, 1.3)[0], 120, n_jobs=n_jobs)
@@ -137,17 +136,17 @@ class Listed:
     def below(self, value: float) -> int:
         return int(np.searchsorted(self.values, value))
 
-    def factor_at(self, shift: float, _stop: Any) -> Any:
+    def factor_at(self, shift: float) -> Any:
         """Return a factor, or None if the shift is an eigenvalue."""
         self.made.append(shift)
         if np.abs(self.values - shift).min() <= 1e-12 * shift:
             return None
         return SimpleNamespace(shift=shift, count_below=self.below(shift), blur=self.blur)
 
-    def factor(self, shift: float, nudge: float, stop: Any) -> Any:
+    def factor(self, shift: float, nudge: float) -> Any:
         """Return a factor at the shift or next to it."""
         moved = (shift + move * nudge for move in (0.0, 1e-6, -1e-6, 1e-3))
-        return next(filter(None, (self.factor_at(place, stop) for place in moved)))
+        return next(filter(None, (self.factor_at(place) for place in moved)))
 
 
 def listed(seed: int, blur: float = 0.0) -> Listed:
@@ -176,7 +175,7 @@ def test_a_border_is_settled_beside_an_eigenvalue_and_nowhere_else(seed: int, bl
         for outward in (1.0, -1.0):
             for wide in (False, True):
                 spectrum.made.clear()
-                plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+                plan = SpectrumPlan(spectrum, SIZES)  # type: ignore[arg-type]
                 border = plan.settle(float(eigenvalue), outward, wide=wide)
                 assert_clear(spectrum, plan, border)
                 assert 0.0 < outward * (border - eigenvalue) < 0.1 * eigenvalue
@@ -189,7 +188,7 @@ def test_a_border_is_settled_beside_an_eigenvalue_and_nowhere_else(seed: int, bl
         # A border with room on both sides is not moved, and two counts prove it.
         clear = 0.5 * (eigenvalue + spectrum.values[spectrum.values > eigenvalue][0])
         spectrum.made.clear()
-        plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+        plan = SpectrumPlan(spectrum, SIZES)  # type: ignore[arg-type]
         border = plan.settle(float(clear))
         assert_clear(spectrum, plan, border)
         if blur == 0.0:
@@ -202,7 +201,7 @@ def test_a_border_is_settled_beside_an_eigenvalue_and_nowhere_else(seed: int, bl
 @pytest.mark.parametrize("seed", range(4))
 def test_slices_share_out_the_spectrum(seed: int, settled: bool, n_jobs: int) -> None:
     spectrum = listed(seed)
-    plan = SpectrumPlan(spectrum, STOP, SIZES, n_jobs=n_jobs)  # type: ignore[arg-type]
+    plan = SpectrumPlan(spectrum, SIZES, n_jobs=n_jobs)  # type: ignore[arg-type]
     top = plan.find_top(300, 307)
     assert plan.count(top) >= 300
     assert spectrum.below(top) == plan.count(top)
@@ -231,7 +230,7 @@ def test_pairs_around_a_value_lie_between_its_borders(seed: int, wanted: int) ->
     random = np.random.default_rng(seed)
     for value in random.uniform(0.0, 1.2 * spectrum.values[-1], 6):
         spectrum.made.clear()
-        plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+        plan = SpectrumPlan(spectrum, SIZES)  # type: ignore[arg-type]
         low, high = plan.around(float(min(value, plan.top)), wanted)
         nearest = spectrum.values[np.argsort(np.abs(spectrum.values - value))[:wanted]]
         assert low <= nearest.min()
@@ -245,14 +244,14 @@ def test_pairs_around_a_value_lie_between_its_borders(seed: int, wanted: int) ->
 
 def test_above_the_largest_the_count_is_known() -> None:
     spectrum = listed(0)
-    plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+    plan = SpectrumPlan(spectrum, SIZES)  # type: ignore[arg-type]
     border = plan.settle(float(spectrum.values[-1]))
     assert spectrum.values[-1] < border <= plan.top
     assert plan.count(border) == plan.count(plan.top) == len(spectrum.values)
 
 
 def test_of_several_counts_the_nearest_to_the_middle_is_taken() -> None:
-    plan = SpectrumPlan(Spectrum(1, 0.95, 1.0), STOP, SIZES)  # type: ignore[arg-type]
+    plan = SpectrumPlan(Spectrum(1, 0.95, 1.0), SIZES)  # type: ignore[arg-type]
     for count in (20, 49, 75):
         plan.find(count, count + 1)
     assert abs(plan.count(plan.find(10, 90)) - 50) <= 2
@@ -263,12 +262,12 @@ def test_of_several_counts_the_nearest_to_the_middle_is_taken() -> None:
 def test_below_zero_by_more_than_rounding_is_negative(lowest: float, n_negative: int) -> None:
     spectrum = listed(0)
     spectrum.values[:2] = lowest
-    plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+    plan = SpectrumPlan(spectrum, SIZES)  # type: ignore[arg-type]
     assert plan.negative() == n_negative
 
 
 def test_where_no_gap_is_there_is_no_border() -> None:
     values = np.append(0.0, 50.0 * np.exp(np.linspace(-0.5, 0.5, 2_000_001)))
-    plan = SpectrumPlan(Listed(values, 1, blur=1e-3), STOP, SIZES)  # type: ignore[arg-type]
+    plan = SpectrumPlan(Listed(values, 1, blur=1e-3), SIZES)  # type: ignore[arg-type]
     with pytest.raises(FactorizationError, match="no gap in the spectrum near 50"):
         plan.settle(50.0)

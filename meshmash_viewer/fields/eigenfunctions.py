@@ -14,7 +14,6 @@ from meshmash_viewer.fields.family import Answer, Description, Family, Profile, 
 from meshmash_viewer.fields.parameter import Index, parameter
 from meshmash_viewer.spectral.eigenpairs import (
     Eigenpairs,
-    Multiplet,
     first_nonzero,
     format_eigenvalue,
 )
@@ -67,17 +66,17 @@ class Eigenfunctions(Family):
         known = replace(self, index=index, flipped=self.flipped & {index})
         return known if known.rotated(spectrum) else replace(known, rotation=())
 
-    def space(self, spectrum: Eigenpairs) -> Multiplet | None:
-        """Return the multiplet within which the function can be rotated, or None."""
+    def space(self, spectrum: Eigenpairs) -> range | None:
+        """Return the indices within which the function can be rotated, or None."""
         return None if self.index < first_nonzero(spectrum) else spectrum.multiplet(self.index)
 
-    def rotated(self, spectrum: Eigenpairs) -> tuple[Multiplet, int, int] | None:
-        """Return the multiplet, the other index and the angle in degrees; None if not rotated."""
+    def rotated(self, spectrum: Eigenpairs) -> tuple[range, int, int] | None:
+        """Return `space`, the other index and the angle in degrees; None if not rotated."""
         space = self.space(spectrum)
         if space is None or len(self.rotation) != 3:
             return None
         index, other, degrees = self.rotation
-        within = index == self.index != other and space.first <= other <= space.last
+        within = index == self.index != other and other in space
         return (space, other, degrees) if within and degrees else None
 
     def for_other_mesh(self, n_components: int) -> Self:
@@ -121,9 +120,9 @@ class Eigenfunctions(Family):
             )
         if rotated := self.rotated(spectrum):
             space, other, degrees = rotated
-            size = space.last - space.first + 1
+            size = len(space)
             towards = f" towards φ{subscript(other)}" if size > 2 else ""
-            cut = space.last == len(spectrum) - 1 and len(spectrum) < spectrum.n_vertices
+            cut = space.stop == len(spectrum) and len(spectrum) < spectrum.n_vertices
             of = f"a space of at least {size}" if cut else f"the space of {size}"
             quantity += f" · rotated by {degrees}°{towards} in {of}"
         return Description(quantity, f"Eigenfunction {self.index}", power=-1)

@@ -20,6 +20,7 @@ from filelock import FileLock
 
 from meshmash_viewer.io.atomic import LEFT_OVER, cache_folder, discard, written_whole
 from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Version of the file format and of the operator; stores of other versions are not used.
 FORMAT = 7
@@ -158,8 +159,9 @@ _MAGIC = b"meshmash-viewer sha256 "
 _FIRST_LINE = len(_MAGIC) + 64 + 1
 #: Name of the JSON among the arrays.
 _ABOUT = "about.json"
-#: Attributes that are arrays.
-_ARRAYS = ("eigenvalues", "residuals", "checksums", "stops", "defects", "mass")
+#: Attributes that are arrays, of the pairs and of the batches.
+_OF_PAIRS = ("eigenvalues", "residuals", "mass")
+_OF_BATCHES = ("checksums", "stops", "defects")
 
 
 class Damaged(ValueError):
@@ -168,36 +170,30 @@ class Damaged(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """Published data on the leading pairs of a store, all except the eigenvectors.
+    """Published leading pairs of a store without their eigenvectors, and their batches.
 
     The data are in one file, which is replaced atomically and never changed in place. Its first
     line contains the SHA-256 of the rest, a NumPy archive. The archive contains the arrays, and
     JSON with the other attributes and the key of the store.
     """
 
-    #: Shape (k,).
-    eigenvalues: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    residuals: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    #: Without rows, certificate (see `is_complete`) and timings until the run is complete.
+    pairs: Eigenpairs = field(
+        default_factory=lambda: Eigenpairs(np.zeros(0), np.zeros((0, 0)), np.zeros(0))
+    )
     #: Shape (k,): CRC-32 of each row.
     checksums: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
     #: Shape (b,): Number of pairs up to the end of each batch, and their orthonormality.
     stops: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     defects: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    #: Shape (n,).
-    mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    #: Certificate and timings (s) of the complete run; the method is "none" until then.
-    certificate: Certificate = Certificate("none")  # noqa: RUF009 - frozen
-    timings: dict[str, float] = field(default_factory=dict)
-    #: Eigenvalue threshold of the complete run; 0 if it had none.
-    known_to: float = 0.0
 
     def __len__(self) -> int:
-        return len(self.eigenvalues)
+        return len(self.pairs)
 
     @property
     def is_complete(self) -> bool:
         """Whether the run is complete."""
-        return self.certificate.method != "none"
+        return self.pairs.certificate.method != "none"
 
     def first(self, count: int) -> Published:
         """Return the data on the batches within the first `count` pairs."""
@@ -205,21 +201,27 @@ class Published:
             return self
         n_batches = int(np.searchsorted(self.stops, count, side="right"))
         count = int(self.stops[n_batches - 1]) if n_batches else 0
+        pairs = self.pairs
+        kept = pairs.eigenvalues[:count], pairs.rows, pairs.residuals[:count]
         return Published(
-            self.eigenvalues[:count],
-            self.residuals[:count],
+            Eigenpairs(*kept, mass=pairs.mass),
             self.checksums[:count],
             self.stops[:n_batches],
             self.defects[:n_batches],
-            self.mass,
         )
 
     def write(self, path: Path, key: str) -> None:
         """Write the data to a file of the store `key`."""
-        about = {name: value for name, value in vars(self).items() if name not in _ARRAYS}
-        about |= {"certificate": asdict(self.certificate), "key": key}
+        pairs = self.pairs
+        about = {
+            "certificate": asdict(pairs.certificate),
+            "timings": {name: float(value) for name, value in pairs.timings.items()},
+            "known_to": pairs.known_to,
+            "key": key,
+        }
         text = json.dumps(about, allow_nan=False).encode()
-        members: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
+        members: dict[str, Any] = {name: getattr(pairs, name) for name in _OF_PAIRS}
+        members |= {name: getattr(self, name) for name in _OF_BATCHES}
         with written_whole(path) as part, part.open("w+b") as file:
             file.write(bytes(_FIRST_LINE))
             np.savez(file, **members | {_ABOUT: np.array(text)})
@@ -246,7 +248,8 @@ class Published:
         if about.pop("key") != key:
             raise Damaged(f"{path.name} belongs to another mesh")
         about["certificate"] = Certificate(**about["certificate"])
-        return cls(**content, **about)
+        batches = [content.pop(name) for name in _OF_BATCHES]
+        return cls(Eigenpairs(rows=np.zeros((0, 0)), **content, **about), *batches)
 
 
 def _first_line(digest: str) -> bytes:

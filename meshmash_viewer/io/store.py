@@ -167,19 +167,12 @@ class EigenpairStore:
         if rows is None:
             return None
         self._cache.touch(self.folder)
-        defect, certificate = float(found.defects[-1]), found.certificate
-        pairs = Eigenpairs(
-            found.eigenvalues,
-            rows,
-            found.residuals,
-            certificate if found.is_complete else Certificate("none", orthonormality=defect),
-            found.timings,
-            found.mass,
-            total=len(found) if found.is_complete else self.target.n_components or 0,
-            target=self.target,
-            known_to=found.known_to,
-            operator=self._operator,
-        )
+        pairs = replace(found.pairs, rows=rows, target=self.target, operator=self._operator)
+        if found.is_complete:
+            pairs = replace(pairs, total=len(found))
+        else:
+            part = Certificate("none", orthonormality=float(found.defects[-1]))
+            pairs = replace(pairs, certificate=part, total=self.target.n_components or 0)
         return pairs if wanted == len(found) else pairs.first(wanted)
 
     def _read(self) -> None:
@@ -314,10 +307,9 @@ class EigenpairStore:
         `allocate` returned. A certificate completes the run: the lock is released. `StoreUnusable`
         is raised if the disk is full, or the folder was removed; the rows stay mapped.
         """
-        start, stop, k = len(self._published), len(pairs.eigenvalues), pairs.total
-        defect = pairs.certificate.orthonormality
+        start, stop = len(self._published), len(pairs)
         if self._rows is None:
-            self.allocate(max(k, stop))
+            self.allocate(max(pairs.total, stop))
             start = 0
         rows, published = self._rows, self._published
         assert rows is not None
@@ -332,22 +324,12 @@ class EigenpairStore:
                     os.fsync(file.fileno())
                 published = replace(
                     published,
-                    eigenvalues=pairs.eigenvalues,
-                    residuals=pairs.residuals,
                     checksums=np.append(published.checksums, np.array(checksums, dtype=np.uint32)),
                     stops=np.append(published.stops, stop),
-                    defects=np.append(published.defects, defect),
-                    mass=np.asarray(pairs.mass, dtype=np.float64),
+                    defects=np.append(published.defects, pairs.certificate.orthonormality),
                 )
-            if is_proven:
-                published = replace(
-                    published,
-                    certificate=pairs.certificate,
-                    timings={name: float(value) for name, value in pairs.timings.items()},
-                    known_to=pairs.known_to,
-                    mass=np.asarray(pairs.mass, dtype=np.float64),
-                )
-            if published is not self._published:
+            if stop > start or is_proven:
+                published = replace(published, pairs=replace(pairs, rows=np.zeros((0, 0))))
                 with self._row_file():
                     published.write(self.folder / PAIRS, self.folder.name)
         except OSError as fault:

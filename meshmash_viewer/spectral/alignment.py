@@ -18,6 +18,8 @@ from meshmash_viewer.arrays import blocks
 
 FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
 
+#: Relative gap up to which neighbouring eigenvalues belong to one multiplet.
+MULTIPLET_GAP = 1e-6
 #: Vertices at a time in the inner products.
 _BLOCK = 1 << 16
 
@@ -93,10 +95,10 @@ def align_multiplets(
 
 
 def multiplets(
-    eigenvalues: npt.NDArray[np.float64], start: int, stop: int, gap: float = 1e-6
+    eigenvalues: npt.NDArray[np.float64], start: int, stop: int
 ) -> Iterator[tuple[int, int]]:
     """Yield start and stop index of each run of nearly equal values in [start, stop)."""
-    edges = np.flatnonzero(~close_neighbours(eigenvalues, gap)) + 1
+    edges = np.flatnonzero(~_close_neighbours(eigenvalues)) + 1
     ends = [*edges[(edges > start) & (edges < stop)].tolist(), *([stop] if start < stop else [])]
     return zip([start, *ends[:-1]], ends, strict=False)
 
@@ -107,13 +109,11 @@ def _nearest_orthogonal(products: npt.NDArray[np.float64]) -> npt.NDArray[np.flo
     return np.asarray((left @ right).T)
 
 
-def close_neighbours(
-    eigenvalues: npt.NDArray[np.float64], gap: float = 1e-6
-) -> npt.NDArray[np.bool_]:
+def _close_neighbours(eigenvalues: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     """Return whether each eigenvalue and the next belong to one multiplet, shape (k - 1,)."""
     # zeros of several components are one multiplet: they differ by rounding only
     floor = 1e-9 * np.max(eigenvalues, initial=0.0)
-    return np.asarray(np.diff(eigenvalues) <= np.maximum(gap * eigenvalues[1:], floor))
+    return np.asarray(np.diff(eigenvalues) <= np.maximum(MULTIPLET_GAP * eigenvalues[1:], floor))
 
 
 def _inner(

@@ -35,15 +35,6 @@ _ORTHONORMAL = 1e-4
 RESOLVED = 0.05
 
 
-@dataclass(frozen=True)
-class Multiplet:
-    """Equal eigenvalues, up to a relative gap: their eigenfunctions can be combined arbitrarily."""
-
-    first: int
-    last: int
-    gap: float
-
-
 @dataclass(frozen=True, eq=False)
 class Eigenpairs:
     """Immutable eigenpairs of L φ = λ M φ in ascending order.
@@ -349,11 +340,15 @@ class Eigenpairs:
         known_to = self.known_to or None
         return mean_shares(bank, self.eigenvalues, area, self.n_vertices, known_to)
 
-    def multiplet(self, index: int, gap: float = 1e-6) -> Multiplet | None:
-        """Return the multiplet that contains an index, by relative gaps, or None."""
-        for first, stop in multiplets(self.eigenvalues, 0, len(self.eigenvalues), gap):
+    def multiplet(self, index: int) -> range | None:
+        """Return the indices of equal eigenvalues to which an index belongs; None if it has none.
+
+        Eigenvalues are equal up to a relative gap of `MULTIPLET_GAP`; their eigenfunctions can be
+        combined arbitrarily.
+        """
+        for first, stop in multiplets(self.eigenvalues, 0, len(self.eigenvalues)):
             if first <= index < stop and stop - first > 1:
-                return Multiplet(first, stop - 1, gap)
+                return range(first, stop)
         return None
 
     def file_index(self, vertex: int) -> int:

@@ -30,6 +30,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, FormulaError
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.filters import READY, Filters
+from meshmash_viewer.spectral.alignment import MULTIPLET_GAP
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, format_eigenvalue
 from meshmash_viewer.spectral.weyl import format_wavelength
 from meshmash_viewer.units import counted, format_number, format_share, power_unit, subscript
@@ -80,7 +81,7 @@ class EigenfunctionTab(FamilyTab):
         if space is None or spectrum is None:
             return
         rotated, combo = chosen.rotated(spectrum), self.towards_combo
-        others = [each for each in range(space.first, space.last + 1) if each != chosen.index]
+        others = [each for each in space if each != chosen.index]
         if [combo.itemData(at) for at in range(combo.count())] != others:
             combo.clear()
             for each in others:
@@ -150,7 +151,7 @@ def _multiplet(spectrum: Eigenpairs, index: int, zeros: int) -> str:
     if found is None:
         return ""
     return (
-        f"λ{subscript(found.first)}…λ{subscript(found.last)} within {format_number(found.gap, 1)}: "
+        f"λ{subscript(found[0])}…λ{subscript(found[-1])} within {format_number(MULTIPLET_GAP, 1)}: "
         "any orthogonal combination of these is an eigenfunction too."
     )
 

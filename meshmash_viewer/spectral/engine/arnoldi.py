@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.errors import wrong_shape
 from meshmash_viewer.spectral.engine.basis import orthonormalise
+from meshmash_viewer.spectral.engine.pairs import Interval, ReducedPairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.request import Request
 
@@ -18,28 +18,14 @@ from meshmash_viewer.spectral.engine.request import Request
 _EXTRA = 6
 
 
-@dataclass(frozen=True, eq=False)
-class PairsAround:
-    """Pairs nearest a shift as found by ARPACK, which may have missed some."""
-
-    #: Shape (p,): Ascending.
-    values: FloatArray
-    #: Shape (p, n): Orthonormal.
-    rows: FloatArray
-    #: Interval around the shift, with wide gaps at its ends.
-    low: float
-    high: float
-    #: Number of pairs found in the interval, a few more than p.
-    count: int
-    #: Number of these pairs below the first of `values`.
-    first: int
-
-
-def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) -> PairsAround | None:
+def pairs_around(
+    pencil: Pencil, request: Request, check: Callable[[], None]
+) -> ReducedPairs | None:
     """Compute the pairs of a request with `op_inv`; return None if ARPACK finds too few.
 
     A few additional pairs are computed, so that the counted interval can end in the widest gap
-    after the last requested pair.
+    after the last requested pair. `Interval.first` is the number of pairs found in the interval
+    below the first requested one.
     """
     assert request.n_components is not None
     wanted, n_rest = request.n_components, pencil.n - pencil.n_null
@@ -64,7 +50,8 @@ def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) ->
     orthonormalise(rows)
     low, high = max(shift - radius, 0.0), shift + radius
     first = int(np.count_nonzero(order[: last + 1] < chosen[0]))
-    return PairsAround(values[chosen], rows, low, high, last + 1, first)
+    interval = Interval(low, high, first, last + 1, shift)
+    return ReducedPairs(values[chosen], rows, interval=interval)
 
 
 def _pairs_of_inverse(

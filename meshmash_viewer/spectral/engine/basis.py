@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
+from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil
 
 #: Columns processed at a time, few enough to stay in the cache.
 _CHUNK = 4096
@@ -178,12 +178,11 @@ class KrylovBasis:
         found: FloatArray,
         capacity: int,
         seed: tuple[int, ...],
-        stop: StopFlag,
         careful: bool = False,
         left_out: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         self._left_out = left_out
-        self._ordered, self._factor, self._found, self._stop = ordered, factor, found, stop
+        self._ordered, self._factor, self._found = ordered, factor, found
         self._n = ordered.pencil.n
         self._allowed = 0.0 if careful else _SEMIORTHOGONAL
         self._random = np.random.default_rng(seed)
@@ -209,7 +208,7 @@ class KrylovBasis:
 
     def _apply(self, block: FloatArray, result: FloatArray) -> None:
         """Apply the deflated inverse to rows of shape (8, n)."""
-        if self._stop[0]:
+        if self._ordered.stop[0]:
             raise Cancelled("stopped inside a slice")
         columns = self._columns
         columns[:] = block.T

@@ -16,6 +16,7 @@ from meshmash_viewer.errors import UnprovenError
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.cost import can_be_dense, core_count, is_dense, worker_count
+from meshmash_viewer.spectral.engine import known
 from meshmash_viewer.spectral.engine.arnoldi import pairs_around
 from meshmash_viewer.spectral.engine.basis import orthonormalise
 from meshmash_viewer.spectral.engine.dense import DenseSpectrum, dense_residuals
@@ -24,16 +25,11 @@ from meshmash_viewer.spectral.engine.factorization import (
     OrderedPencil,
     order_pencil,
 )
-from meshmash_viewer.spectral.engine.lanczos import (
-    Found,
-    Interval,
-    IntervalPairs,
-    find_pairs,
-    run_slices,
-)
+from meshmash_viewer.spectral.engine.lanczos import find_pairs, run_slices
 from meshmash_viewer.spectral.engine.output import Output, Pace
+from meshmash_viewer.spectral.engine.pairs import Interval, ReducedPairs, joined
 from meshmash_viewer.spectral.engine.pencil import Pencil, indefinite
-from meshmash_viewer.spectral.engine.plan import KnownPairs, SpectrumPlan
+from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.refinement import measure_pairs
 from meshmash_viewer.spectral.engine.request import Request
 
@@ -74,8 +70,7 @@ class Computation:
         self._plan: SpectrumPlan | None = None
         # Determined here, since joblib's result depends on the calling thread.
         self._cores = core_count() if request.n_jobs is None else 1
-        self._known: KnownPairs | None = None
-        self._n_kept = 0
+        self._n_kept = 0  # leading pairs of `request.known` that are used
 
     @property
     def steps(self) -> int:
@@ -148,6 +143,7 @@ class Computation:
     def _order(self) -> OrderedPencil:
         started = time.perf_counter()
         ordered = self._ordered = order_pencil(self.pencil)
+        ordered.stop = self._stop
         self.pencil = ordered.pencil
         self._spend("order", started)
         self._report(partial(self._pace.stage, "order"))
@@ -158,35 +154,36 @@ class Computation:
     def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
         pencil, request = self.pencil, self.request
         jobs = self._workers(ordered, request.n_components or 0)
-        plan = SpectrumPlan(ordered, self._stop, self._sizes, jobs)
+        plan = SpectrumPlan(ordered, self._sizes, jobs)
         self._plan = plan
         started = time.perf_counter()
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
             return
-        known = KnownPairs.verified(request.known, ordered)
         below, last_slice = 0.0, None
+        given = request.known
+        is_known = given is not None and known.solves(given, ordered)
         if request.max_eigenvalue is not None:
             threshold = min(request.max_eigenvalue / pencil.unit, plan.top)
             top = plan.settle(threshold)
-            ordered.solve_repeated(_BEYOND * top)
+            ordered.repeated.solve(_BEYOND * top)
             wanted = plan.count(top)
             if wanted > plan.count(plan.settle(threshold, -1.0)):
                 below, last_slice = self._around_threshold(ordered, plan, threshold, top)
-                wanted = last_slice.interval.first + len(last_slice.values)
+                wanted = plan.count(below) + len(last_slice)
         else:
             assert request.n_components is not None
             wanted = min(request.n_components, pencil.n)
             top = 0.0
             if wanted > pencil.n_null:
                 top = plan.find_top(wanted, wanted + max(4, wanted // 40))
-                ordered.solve_repeated(_BEYOND * top)
+                ordered.repeated.solve(_BEYOND * top)
         counted = plan.count(top)
         self._spend("count", started)
         if self._is_dense(wanted):
             yield from self._dense()
             return
-        sought = counted - (0 if ordered.repeated is None else ordered.repeated.count(top))
+        sought = counted - ordered.repeated.count(0.0, top)
         if top > 0.0 and sought > _MOST_COPIES + 2 * wanted:
             raise UnprovenError(
                 "not-provable",
@@ -194,14 +191,12 @@ class Computation:
                 f" {top * pencil.unit:.4g}",
                 "ask for fewer pairs, or for all of them",
             )
-        end, last = (top, wanted)
-        if last_slice is not None:
-            end, last = below, last_slice.interval.first
-        if known is not None and not (len(known.values) >= last == plan.count(end)):
+        end, last = (top, wanted) if last_slice is None else (below, plan.count(below))
+        if given is not None and is_known and not (len(given) >= last == plan.count(end)):
             # Counted apart, so that the slices are those of a run without known pairs.
-            aside = SpectrumPlan(ordered, self._stop, self._sizes, jobs)
-            known = known if known.agrees_with_counts(aside, last) else None
-        self._open(wanted, known)
+            aside = SpectrumPlan(ordered, self._sizes, jobs)
+            is_known = known.agree_with_counts(given, aside, pencil, last)
+        self._open(wanted, len(given) if given is not None and is_known else 0)
         yield from self._place_null()
         if wanted <= pencil.n_null:
             self._refuse_negative(plan)
@@ -216,7 +211,7 @@ class Computation:
 
     def _around_threshold(
         self, ordered: OrderedPencil, plan: SpectrumPlan, threshold: float, top: float
-    ) -> tuple[float, IntervalPairs]:
+    ) -> tuple[float, ReducedPairs]:
         """Return the start of the last slice, and its pairs, for a threshold at an eigenvalue.
 
         This slice is computed first, since its values determine the number of pairs.
@@ -228,10 +223,10 @@ class Computation:
             else 0.0
         )
         interval = plan.interval(below, top)
-        found = find_pairs(ordered, interval, self.request.tolerance, self._stop)
+        found = find_pairs(ordered, interval, self.request.tolerance)
         null = np.zeros(self.pencil.n_null if below == 0.0 else 0)
         kept = self._kept(np.concatenate([null, found.values]), threshold) - len(null)
-        return below, found.first(kept)
+        return below, found[:kept]
 
     def _refuse_negative(self, plan: SpectrumPlan) -> None:
         if negative := plan.negative():
@@ -251,10 +246,10 @@ class Computation:
 
     def _found(
         self, ordered: OrderedPencil, intervals: Iterable[Interval], count: int
-    ) -> Iterator[IntervalPairs]:
+    ) -> Iterator[ReducedPairs]:
         """Find the pairs of intervals in parallel, as memory for `count` pairs allows."""
         jobs = self._workers(ordered, count)
-        return run_slices(ordered, intervals, self.request.tolerance, jobs, self._stop)
+        return run_slices(ordered, intervals, self.request.tolerance, jobs)
 
     def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
         return self.request.n_jobs or worker_count(ordered, self._cores, pairs, self.request.lean)
@@ -287,7 +282,7 @@ class Computation:
                 )
                 for pairs in self._found(ordered, intervals, count):
                     yield from self._place_slice(ordered, pairs)
-                    low = pairs.interval.high
+                    low = pairs.interval.high if pairs.interval else low
                     del pairs  # free its memory
                 break
             except (ArithmeticError, FactorizationError):
@@ -301,25 +296,32 @@ class Computation:
         """Return the number of pairs needed of a slice from index `first`; None for all pairs."""
         return max(self.output.total - first, 0) if first >= self._n_kept else None
 
-    def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
+    def _place_slice(self, ordered: OrderedPencil, pairs: ReducedPairs) -> Iterator[slice]:
         """Accept the known pairs of a slice, and write the others."""
-        first, kept = pairs.interval.first, self._n_kept
-        yield from self._keep(first + len(pairs.values))
-        if self._known is None or kept <= first:
+        first, kept = self.output.written, self._n_kept
+        yield from self._keep(first + len(pairs))
+        if kept <= first:
             yield from self._place(pairs)
-        elif kept < first + len(pairs.values):
-            values, rows = self._known.complement(first, kept, pairs.values, pairs.rows)
-            yield from self._place(Found(values, measure_pairs(ordered, rows)[1], rows))
+        elif kept < first + len(pairs):
+            rest = self._without_known(slice(first, kept), pairs)
+            residuals = measure_pairs(ordered, rest.rows)[1]
+            yield from self._place(replace(rest, residuals=residuals))
+
+    def _without_known(self, part: slice, pairs: ReducedPairs) -> ReducedPairs:
+        """Return the pairs of a slice that are not among a part of the known pairs."""
+        assert self.request.known is not None
+        return known.complement(self.request.known, self.pencil, part, pairs)
 
     def _place_null(self) -> Iterator[slice]:
         """Accept the known part of the requested null space, and write the rest."""
-        pencil, kept = self.pencil, self._n_kept
-        count = min(pencil.n_null, self.output.total)
+        kept, count = self._n_kept, min(self.pencil.n_null, self.output.total)
         yield from self._keep(count)
         if kept < count:
-            rows = pencil.null_rows(count)[kept:]
-            residuals = pencil.null_residuals[kept:count]
-            yield from self._place(Found(np.zeros(count - kept), residuals, rows))
+            yield from self._place(self._null_pairs(count)[kept:])
+
+    def _null_pairs(self, count: int) -> ReducedPairs:
+        pencil = self.pencil
+        return ReducedPairs(np.zeros(count), pencil.null_rows(count), pencil.null_residuals[:count])
 
     def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
         """Compute all pairs within a sufficient radius of a value, and select the nearest ones."""
@@ -332,70 +334,63 @@ class Computation:
         if self._is_dense(inside if low == 0.0 else inside + pencil.n_null):
             yield from self._dense()
             return
-        parts: list[Found] = []
-        if low == 0.0:
-            null = min(pencil.n_null, wanted)
-            residuals = pencil.null_residuals[:null]
-            parts.append(Found(np.zeros(null), residuals, pencil.null_rows(null)))
-        ordered.solve_repeated(_BEYOND * high)
+        parts = [self._null_pairs(min(pencil.n_null, wanted))] if low == 0.0 else []
+        ordered.repeated.solve(_BEYOND * high)
         self._report(partial(self._pace.begin_slices, inside))
         parts += self._found(ordered, plan.slices(low, high, settled=True), inside)
-        values = np.concatenate([part.values for part in parts])
-        residuals = np.concatenate([part.residuals for part in parts])
-        rows = np.concatenate([part.rows for part in parts])
-        chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
+        pairs = joined(parts)
+        chosen = np.sort(np.argsort(np.abs(pairs.values - sigma), kind="stable")[:wanted])
         unit = pencil.unit
         # No lower end means that the pairs are the lowest.
         below = None if low == 0.0 and chosen[0] == 0 else low * unit
         self._count = Certificate("inertia", inside, inside, high * unit, below)
-        rows = rows[chosen]
+        pairs = replace(pairs[chosen], orthonormality=None)
         if len(parts) > 1:
-            orthonormalise(rows)
-            residuals[chosen] = np.maximum(residuals[chosen], measure_pairs(ordered, rows)[1])
-        yield from self._write_all(Found(values[chosen], residuals[chosen], rows))
+            orthonormalise(pairs.rows)
+            residuals = np.maximum(pairs.residuals, measure_pairs(ordered, pairs.rows)[1])
+            pairs = replace(pairs, residuals=residuals)
+        yield from self._write_all(pairs)
 
     # -- other methods ----------------------------------------------------------------------------
 
     def _dense(self) -> Iterator[slice]:
         """Compute the requested pairs from the dense matrix of each component."""
         started = time.perf_counter()
-        pencil = self.pencil
+        pencil, given = self.pencil, self.request.known
         spectrum = DenseSpectrum(pencil, self._check)
         every, n_null = spectrum.values, pencil.n_null
         chosen = self._chosen(every)
-        count, known, kept = len(chosen), None, 0
-        if hasattr(self, "output"):
+        count, kept, is_begun = len(chosen), 0, hasattr(self, "output")
+        if is_begun:
             kept = self.output.written
             if self.output.total != count:
                 raise ArithmeticError("two counts disagree")
-        elif self.request.target is None:
-            known = KnownPairs.of_shape(self.request.known, pencil)
-            if known is not None and known.agrees_with(every):
-                kept = min(len(known.values), count)
+        elif given is not None and self.request.target is None:
+            if known.fits(given, pencil) and known.agree(given, pencil, every):
+                kept = min(len(given), count)
             if kept > n_null:
                 # Include all copies of a multiple eigenvalue, of which some may be known.
                 gaps = np.diff(every[count - 1 :]) > 1e-6 * np.maximum(every[count:], 1e-3)
                 chosen = np.arange(count + (int(np.argmax(gaps)) if gaps.any() else len(gaps)))
         null = chosen[chosen < n_null]
-        values, rows = every[chosen], spectrum.rows(chosen)
+        pairs = spectrum.pairs(chosen)
         # Pairs around a shift have a lower end.
-        low = float(values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
+        low = float(pairs.values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
         self._count = Certificate("dense", pencil.n, pencil.n, low=low)
-        if known is not None and kept > n_null:
+        rest = pairs[kept:]
+        if not is_begun and kept > n_null:
             try:
-                values, rows = known.complement(n_null, kept, values[n_null:], rows[n_null:])
+                rest = self._without_known(slice(n_null, kept), pairs[n_null:])
             except ArithmeticError:
-                kept = 0
-        else:
-            values, rows = values[kept:], rows[kept:]
+                kept, rest = 0, pairs
         self._spend("dense", started)
-        if not hasattr(self, "output"):
-            self._open(count, known if kept else None)
+        if not is_begun:
+            self._open(count, kept)
             yield from self._keep(count)
-        values, rows, null = values[: count - kept], rows[: count - kept], null[kept:]
-        residuals = dense_residuals(pencil, values, rows)
+        rest, null = rest[: count - kept], null[kept:]
+        residuals = dense_residuals(pencil, rest)
         residuals[: len(null)] = pencil.null_residuals[null]
-        yield from self._place(Found(values, residuals, rows))
+        yield from self._place(replace(rest, residuals=residuals))
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
         """Return the indices of the requested pairs among all eigenvalues in ascending order."""
@@ -408,50 +403,49 @@ class Computation:
         distance = np.abs(values - min(request.target / pencil.unit, values.max(initial=0.0)))
         return np.sort(np.argsort(distance, kind="stable")[: request.n_components])
 
-    def _through_given_inverse(self, ordered: OrderedPencil) -> Found | None:
+    def _through_given_inverse(self, ordered: OrderedPencil) -> ReducedPairs | None:
         """Compute pairs with `op_inv`; return None if a count shows that some were missed."""
         started = time.perf_counter()
-        found = pairs_around(self.pencil, self.request, self._check)
-        if found is None:
+        pairs = pairs_around(self.pencil, self.request, self._check)
+        if pairs is None or pairs.interval is None:
             return None
-        plan = SpectrumPlan(ordered, self._stop, self._sizes)
+        plan, found = SpectrumPlan(ordered, self._sizes), pairs.interval
         low = plan.settle(found.low) if found.low > 0.0 else 0.0
         high = plan.settle(found.high)
         below = plan.count(low) if low > 0.0 else 0
         counted = plan.count(high) - below
         self._spend("given inverse", started)
-        if counted != found.count:
+        if counted != found.n_expected:
             return None
         unit = self.pencil.unit
         # No lower end means that the pairs are the lowest.
         begin = low * unit if below + found.first else None
         self._count = Certificate("inertia", counted, counted, high * unit, begin)
-        return Found(found.values, measure_pairs(ordered, found.rows)[1], found.rows)
+        return replace(pairs, residuals=measure_pairs(ordered, pairs.rows)[1])
 
     # -- output -----------------------------------------------------------------------------------
 
-    def _open(self, k: int, known: KnownPairs | None = None) -> None:
-        """Allocate k rows, of which the first are those of the known pairs."""
-        self._known = known
-        self._n_kept = 0 if known is None else min(k, len(known.values))
+    def _open(self, k: int, n_known: int = 0) -> None:
+        """Allocate k rows, of which the first are those of the `n_known` known pairs."""
+        self._n_kept = min(k, n_known)
         self.output = Output.allocate(self.pencil, self.request, k, self._n_kept)
 
     def _keep(self, stop: int) -> Iterator[slice]:
         """Accept the known pairs below an index."""
-        stop = min(stop, self._n_kept)
-        if self._known is not None and self.output.written < stop:
+        stop, given = min(stop, self._n_kept), self.request.known
+        if given is not None and self.output.written < stop:
             started = time.perf_counter()
-            place = self.output.keep(self._known.given, stop)
+            place = self.output.keep(given, stop)
             self._spend("output", started)
             yield place
 
-    def _write_all(self, pairs: Found) -> Iterator[slice]:
-        self._open(len(pairs.values))
+    def _write_all(self, pairs: ReducedPairs) -> Iterator[slice]:
+        self._open(len(pairs))
         yield from self._place(pairs)
 
-    def _place(self, pairs: Found) -> Iterator[slice]:
+    def _place(self, pairs: ReducedPairs) -> Iterator[slice]:
         """Write the next pairs, up to the requested number."""
-        if len(pairs.values) and self.output.written < self.output.total:
+        if len(pairs) and self.output.written < self.output.total:
             started = time.perf_counter()
             place = self.output.write(pairs)
             self._spend("output", started)

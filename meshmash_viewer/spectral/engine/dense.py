@@ -7,8 +7,9 @@ finds eight copies at a time. Solving single components is faster; equal ones ar
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import replace
+from operator import itemgetter
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from meshmash_viewer.arrays import FloatArray
+from meshmash_viewer.spectral.engine.pairs import ReducedPairs
 from meshmash_viewer.spectral.engine.pencil import Pencil, indefinite
 
 
@@ -42,12 +44,11 @@ class DenseSpectrum:
             check()
             matrix = pencil.matrix[place][:, place].toarray()
             constant = pencil.null_direction[place] if is_null else None
-            found, vectors = component_pairs(matrix, constant)
-            kept = len(found)
-            values.append(found)
-            columns.append(vectors.T.ravel())
-            rows.append(np.tile(place, kept))
-            starts.extend(starts[-1] + len(place) * np.arange(1, kept + 1))
+            found = component_pairs(matrix, constant)
+            values.append(found.values)
+            columns.append(found.rows.ravel())
+            rows.append(np.tile(place, len(found)))
+            starts.extend(starts[-1] + len(place) * np.arange(1, len(found) + 1))
         every = np.concatenate(values)
         order = np.argsort(every, kind="stable")
         parts = (np.concatenate(columns), np.concatenate(rows), np.array(starts))
@@ -57,17 +58,18 @@ class DenseSpectrum:
             raise indefinite(f"{lowest * pencil.unit:.4g}")
         self.values: FloatArray = np.concatenate([np.zeros(pencil.n_null), every[order]])
 
-    def rows(self, chosen: npt.NDArray[np.intp]) -> FloatArray:
-        """Return the eigenvectors of ascending indices, shape (k, n)."""
+    def pairs(self, chosen: npt.NDArray[np.intp]) -> ReducedPairs:
+        """Return the pairs of ascending indices."""
         n_null = self._pencil.n_null
         null, rest = chosen[chosen < n_null], chosen[chosen >= n_null]
         constants = self._pencil.null_rows(len(null) and int(null[-1]) + 1)[null]
-        return np.concatenate([constants, self._columns[:, rest - n_null].toarray().T])
+        rows = np.concatenate([constants, self._columns[:, rest - n_null].toarray().T])
+        return ReducedPairs(self.values[chosen], rows)
 
 
 def component_pairs(
     matrix: FloatArray, constant: FloatArray | None, highest: float | None = None
-) -> tuple[FloatArray, FloatArray]:
+) -> ReducedPairs:
     """Compute the pairs of a component's matrix, (c, c), up to `highest` or all, ascending.
 
     `constant` is the null vector if it is known; its pair is left out.
@@ -80,19 +82,18 @@ def component_pairs(
         matrix = matrix + lift * np.outer(constant, constant)
     if highest is not None:
         values, vectors = eigh(matrix, subset_by_value=(-np.inf, highest))
-        kept = len(values) - int(constant is not None and len(values) == len(matrix))
-        return values[:kept], vectors[:, :kept]
-    values, vectors = eigh(matrix, driver="evd")
-    kept = len(matrix) - int(constant is not None)
-    return values[:kept], vectors[:, :kept]
+    else:
+        values, vectors = eigh(matrix, driver="evd")
+    kept = len(values) - int(constant is not None and len(values) == len(matrix))
+    return ReducedPairs(values[:kept], vectors[:, :kept].T)
 
 
-def dense_residuals(pencil: Pencil, values: FloatArray, rows: FloatArray) -> FloatArray:
+def dense_residuals(pencil: Pencil, pairs: ReducedPairs) -> FloatArray:
     """Compute residuals ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit, shape (p,)."""
-    weight = pencil.root_mass
+    weight, rows = pencil.root_mass, pairs.rows
     # In extended precision, where the platform has it, to measure less rounding.
     image = (pencil.matrix.astype(np.longdouble) @ rows.T.astype(np.longdouble)).T
-    defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
+    defect = np.asarray(image - pairs.values[:, None] * rows, dtype=np.float64) * weight
     sizes = np.linalg.norm(rows * weight, axis=1)
     return np.asarray(np.linalg.norm(defect, axis=1) / sizes)
 
@@ -110,72 +111,57 @@ _EQUAL = 1e-13
 _COMPARED = 4
 
 
-@dataclass(frozen=True, eq=False)
-class AlonePairs:
-    """Pairs of an interval whose eigenvectors are zero outside one component."""
-
-    #: Shape (p,): Ascending.
-    values: FloatArray
-    #: Shape (q, n): Eigenvectors of the lowest q pairs, as many as requested.
-    rows: FloatArray
-    #: Shape (n,): Mask of the vertices of these components.
-    vertices: npt.NDArray[np.bool_]
-    #: Largest defect of the rows' inner products.
-    orthonormality: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Kind:
-    """Equal components: the pairs of one, and the vertices of each, shape (copies, c)."""
-
-    values: FloatArray
-    vectors: FloatArray
-    places: npt.NDArray[np.int64]
-
-    @cached_property
-    def orthonormality(self) -> float:
-        gram = self.vectors.T @ self.vectors
-        return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
+#: Pairs of one of several equal components, and the vertices of each, shape (copies, c).
+_Copies: TypeAlias = tuple[ReducedPairs, npt.NDArray[np.int64]]
 
 
 class RepeatedComponents:
-    """Repeated components of a pencil, solved up to an eigenvalue; most pencils have none."""
+    """Components of a pencil that have many equal copies, with their pairs; most have none."""
 
-    def __init__(self, pencil: Pencil, highest: float) -> None:
-        self._n = pencil.n
-        self._kinds = list(_kinds(pencil, highest))
+    def __init__(self, pencil: Pencil) -> None:
+        self._pencil = pencil
+        self._solved: list[_Copies] = []
 
-    def count(self, high: float) -> int:
-        """Count the nonzero eigenvalues of these components below a value."""
-        return sum(int((kind.values < high).sum()) * len(kind.places) for kind in self._kinds)
+    def solve(self, highest: float) -> None:
+        """Find these components, and compute their pairs up to an eigenvalue."""
+        self._solved = list(_repeated(self._pencil, highest))
 
-    def within(self, low: float, high: float, most: int | None = None) -> AlonePairs | None:
-        """Return the pairs between two values, with the lowest `most` rows; None without pairs."""
-        values, kinds, columns, copies = [], [], [], []
-        for at, kind in enumerate(self._kinds):
-            inside = np.flatnonzero((kind.values > low) & (kind.values < high))
-            count = len(kind.places)
-            values.append(np.repeat(kind.values[inside], count))
-            columns.append(np.repeat(inside, count))
-            copies.append(np.tile(np.arange(count), len(inside)))
-            kinds.append(np.full(count * len(inside), at))
-        every = np.concatenate(values) if values else np.zeros(0)
-        if not len(every):
+    def count(self, low: float, high: float) -> int:
+        """Count the eigenvalues of these components between two values."""
+        return sum(
+            int(_inside(pairs, low, high).sum()) * len(places) for pairs, places in self._solved
+        )
+
+    def vertices(self, low: float, high: float) -> npt.NDArray[np.bool_] | None:
+        """Return the mask (n,) of components with pairs between two values; None without pairs."""
+        if not self.count(low, high):
             return None
-        order = np.argsort(every, kind="stable")
-        number, column, copy = (np.concatenate(each)[order] for each in (kinds, columns, copies))
-        used = [self._kinds[i] for i in np.unique(number)]
-        vertices = np.zeros(self._n, dtype=np.bool_)
-        for kind in used:
-            vertices[kind.places] = True
-        rows = np.zeros((len(order) if most is None else min(most, len(order)), self._n))
-        for row, i, j, which in zip(rows, number, column, copy, strict=False):
-            row[self._kinds[i].places[which]] = self._kinds[i].vectors[:, j]
-        defect = max(kind.orthonormality for kind in used)
-        return AlonePairs(every[order], rows, vertices, defect)
+        vertices = np.zeros(self._pencil.n, dtype=np.bool_)
+        for pairs, places in self._solved:
+            vertices[places] |= _inside(pairs, low, high).any()
+        return vertices
+
+    def within(self, low: float, high: float, most: int | None = None) -> ReducedPairs:
+        """Return the pairs between two values, at most the lowest `most`; rows are zero outside."""
+        each = [
+            (pairs.values[i], pairs.rows[i], place, pairs.orthonormality or 0.0)
+            for pairs, places in self._solved
+            for i in np.flatnonzero(_inside(pairs, low, high))
+            for place in places
+        ]
+        chosen = sorted(each, key=itemgetter(0))[:most]
+        rows = np.zeros((len(chosen), self._pencil.n))
+        for row, (_, vector, place, _) in zip(rows, chosen, strict=True):
+            row[place] = vector
+        defect = max(pair[3] for pair in each)
+        return ReducedPairs(np.array([pair[0] for pair in chosen]), rows, orthonormality=defect)
 
 
-def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
+def _inside(pairs: ReducedPairs, low: float, high: float) -> npt.NDArray[np.bool_]:
+    return np.asarray((pairs.values > low) & (pairs.values < high))
+
+
+def _repeated(pencil: Pencil, highest: float) -> Iterator[_Copies]:
     """Solve the components of each repeated size."""
     count, component = connected_components(pencil.matrix, directed=False)
     sizes = np.bincount(component, minlength=count)
@@ -193,13 +179,13 @@ def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
             yield from _solved(pencil, places, highest)
 
 
-def _solved(pencil: Pencil, places: npt.NDArray[np.int64], highest: float) -> list[_Kind]:
+def _solved(pencil: Pencil, places: npt.NDArray[np.int64], highest: float) -> list[_Copies]:
     """Solve components of one size, `places` (copies, c); return [] if this costs too much."""
     copies, size = places.shape
     matrix = sparse.csr_array(pencil.matrix[places.ravel()][:, places.ravel()])
     most = max(_CHEAP / size**3, copies if copies >= _COPIES_PER_VERTEX * size else 0)
     blocks: list[FloatArray] = []
-    pairs: list[tuple[FloatArray, FloatArray]] = []
+    pairs: list[ReducedPairs] = []
     members: list[list[int]] = []
     for at, place in enumerate(places):
         block = _block(matrix, at * size, size)
@@ -209,11 +195,14 @@ def _solved(pencil: Pencil, places: npt.NDArray[np.int64], highest: float) -> li
                 return []
             is_null = pencil.labels[place[0]] >= 0
             constant = pencil.null_direction[place] if is_null else None
-            pairs.append(component_pairs(block, constant, highest))
+            found = component_pairs(block, constant, highest)
+            gram = found.rows @ found.rows.T
+            defect = float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
+            pairs.append(replace(found, orthonormality=defect))
             members.append([])
             blocks, back = [*blocks[1 - _COMPARED :], block], -1
         members[back].append(at)
-    return [_Kind(*each, places[which]) for each, which in zip(pairs, members, strict=True)]
+    return [(each, places[which]) for each, which in zip(pairs, members, strict=True)]
 
 
 def _block(matrix: sparse.csr_array, start: int, size: int) -> FloatArray:

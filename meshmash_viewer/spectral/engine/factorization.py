@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,18 +35,18 @@ class OrderedPencil:
     pencil: Pencil
     #: Block structure of the factors.
     structure: Any
+    stop: StopFlag = field(default_factory=lambda: np.zeros(1, dtype=np.uint8))
     #: Factors of counts that will be reused, by shift.
     kept: dict[float, Factor] = field(default_factory=dict, repr=False)
     #: Number of blocks solved so far, a measure of progress.
     steps: int = 0
-    #: Components solved separately.
-    repeated: RepeatedComponents | None = None
 
-    def solve_repeated(self, highest: float) -> None:
-        """Compute the pairs up to a value of components that have many equal copies."""
-        self.repeated = RepeatedComponents(self.pencil, highest)
+    @cached_property
+    def repeated(self) -> RepeatedComponents:
+        """Components solved separately, none until `RepeatedComponents.solve` is called."""
+        return RepeatedComponents(self.pencil)
 
-    def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
+    def factor(self, shift: float, nudge: float) -> Factor:
         """Return a factor at a shift or, if a pivot vanishes, close to it.
 
         A pivot may be nearly zero even if no eigenvalue is near. The shift is then moved to both
@@ -59,17 +60,17 @@ class OrderedPencil:
             return kept
         moves = [0.0, *(side * nudge * 10.0**power for power in _POWERS for side in (1.0, -1.0))]
         for move in moves:
-            if stop[0]:
+            if self.stop[0]:
                 raise Cancelled("stopped before a factorization")
-            factor = self.factor_at(shift + move, stop)
+            factor = self.factor_at(shift + move)
             if factor is not None:
                 return factor
         raise FactorizationError(f"no stable factor near shift {shift:.6g}")
 
-    def factor_at(self, shift: float, stop: StopFlag) -> Factor | None:
+    def factor_at(self, shift: float) -> Factor | None:
         """Return a factor at exactly this shift, or None if a pivot nearly vanishes."""
         try:
-            factor = Factor(self, shift, stop)
+            factor = Factor(self, shift)
         except FactorizationError:
             return None
         return factor if factor.error < _PROBE_TOLERANCE else None
@@ -133,7 +134,7 @@ class Factor:
        Symmetric Linear Equations." ACM Transactions on Mathematical Software 9(3).
     """
 
-    def __init__(self, ordered: OrderedPencil, shift: float, stop: StopFlag) -> None:
+    def __init__(self, ordered: OrderedPencil, shift: float) -> None:
         from meshmash_viewer.spectral.engine.multifrontal import factor_numeric
 
         structure = ordered.structure
@@ -145,7 +146,7 @@ class Factor:
             ordered.pencil.matrix.data, shift, structure.first, structure.row_start,
             structure.rows, structure.block_start, structure.children, structure.start,
             structure.index, structure.stack_size, structure.front_size, self._blocks,
-            self._inverse, stop,
+            self._inverse, ordered.stop,
         )  # fmt: skip
         if outcome == -2:
             raise Cancelled("stopped inside a factorization")

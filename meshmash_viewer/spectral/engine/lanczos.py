@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field, replace
-from typing import Self
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from meshmash_viewer.arrays import FloatArray
 from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis, orthonormalise, project_out
-from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
+from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil
+from meshmash_viewer.spectral.engine.pairs import Interval, ReducedPairs, joined
 from meshmash_viewer.spectral.engine.refinement import refine_pairs, rotate_to_pairs
 
 #: Slope and intercept of the usual basis size at convergence, as a function of the number of pairs.
@@ -35,57 +34,8 @@ _NEAR = 1e-3
 _MOVE, _MOVES = 0.3, 5
 
 
-@dataclass(frozen=True)
-class Interval:
-    """An interval of the spectrum with the number of its eigenvalues."""
-
-    #: Ends, in the unit of the reduced problem.
-    low: float
-    high: float
-    #: Number of eigenvalues below `low`, null space included.
-    first: int
-    #: Number of eigenvalues inside, the null space not counted.
-    n_expected: int
-    #: Shift of the factorization, near the middle.
-    shift: float
-    #: Smallest distance of an eigenvalue from `high` at which the count is reliable.
-    clearance: float = 0.0
-    #: Number of lowest pairs to return; None for all pairs.
-    most: int | None = None
-
-
 class UnclearBorder(ArithmeticError):
     """An eigenvalue lies on the border of a slice, so its count is unreliable."""
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """Pairs of the reduced problem."""
-
-    #: Shape (p,): Rayleigh quotients, ascending up to rounding.
-    values: FloatArray
-    #: Shape (p,): ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit.
-    residuals: FloatArray
-    #: Shape (p, n): Orthonormal, with vertices in elimination order.
-    rows: FloatArray
-    #: Largest defect of the rows' inner products, if it has been measured.
-    orthonormality: float | None = None
-
-    def first(self, count: int) -> Self:
-        """Return the first pairs."""
-        return replace(
-            self,
-            values=self.values[:count],
-            residuals=self.residuals[:count],
-            rows=self.rows[:count],
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class IntervalPairs(Found):
-    """The pairs of an interval."""
-
-    interval: Interval = field(kw_only=True)
 
 
 def usual_rows(pairs: float) -> int:
@@ -94,27 +44,23 @@ def usual_rows(pairs: float) -> int:
 
 
 def run_slices(
-    ordered: OrderedPencil,
-    intervals: Iterable[Interval],
-    tolerance: float,
-    n_jobs: int,
-    stop: StopFlag,
-) -> Iterator[IntervalPairs]:
+    ordered: OrderedPencil, intervals: Iterable[Interval], tolerance: float, n_jobs: int
+) -> Iterator[ReducedPairs]:
     """Find the pairs of intervals in parallel, and yield the pairs of each interval in order.
 
     The kernels release the interpreter lock, so `n_jobs` threads are used; results do not depend on
     their number. `intervals` may be computed lazily; `tolerance` is the residual relative to the
-    eigenvalue. If the iteration is left early, `stop` is set, which ends running kernels.
+    eigenvalue. If the iteration is left early, running kernels are stopped.
     """
     if n_jobs == 1:
         for interval in intervals:
-            yield find_pairs(ordered, interval, tolerance, stop)
+            yield find_pairs(ordered, interval, tolerance)
         return
     with ThreadPoolExecutor(n_jobs, "slice") as threads:
-        started: deque[Future[IntervalPairs]] = deque()
+        started: deque[Future[ReducedPairs]] = deque()
         try:
             for interval in intervals:
-                started.append(threads.submit(find_pairs, ordered, interval, tolerance, stop))
+                started.append(threads.submit(find_pairs, ordered, interval, tolerance))
                 busy = [slice_ for slice_ in started if not slice_.done()]
                 if len(busy) == n_jobs:
                     wait(busy, return_when=FIRST_COMPLETED)
@@ -123,67 +69,51 @@ def run_slices(
             while started:
                 yield started.popleft().result()
         except BaseException:
-            stop[0] = 1
+            ordered.stop[0] = 1
             raise
 
 
-def find_pairs(
-    ordered: OrderedPencil, interval: Interval, tolerance: float, stop: StopFlag
-) -> IntervalPairs:
+def find_pairs(ordered: OrderedPencil, interval: Interval, tolerance: float) -> ReducedPairs:
     """Find the pairs of an interval, or the lowest `most` of them.
 
     `tolerance` is the residual relative to the eigenvalue. `UnclearBorder` is raised if the upper
     end lies on an eigenvalue, `ArithmeticError` if the iteration fails, `Cancelled` if another
-    thread sets `stop`.
+    thread stops it.
     """
-    low, high, clearance = interval.low, interval.high, interval.clearance
-    repeated = ordered.repeated
-    alone = None if repeated is None else repeated.within(low, high, interval.most)
-    if alone is None:
-        found_values, found, orthonormality, factor = _search(ordered, interval, tolerance, stop)
-    else:
-        if alone.values[-1] > high - clearance:
-            raise UnclearBorder(f"an eigenvalue lies on the border {high:.6g}")
-        rest = replace(interval, n_expected=interval.n_expected - len(alone.values))
-        found_values, found, orthonormality, factor = _search(
-            ordered, rest, tolerance, stop, alone.vertices
-        )
-        found_values = np.concatenate([found_values, alone.values[: len(alone.rows)]])
-        found = np.concatenate([found, alone.rows])
-        orthonormality = max(orthonormality, alone.orthonormality)
-    order = np.argsort(found_values, kind="stable")
-    order = order[: interval.most]
-    rows = found[order] if np.any(np.diff(order) < 0) or len(order) < len(found) else found
-    lowest = interval.low < 0.0
-    values, residuals, defect = refine_pairs(ordered, factor, rows, tolerance, lowest, stop)
-    orthonormality = max(orthonormality, defect)
-    return IntervalPairs(values, residuals, rows, orthonormality, interval=interval)
+    low, high, repeated = interval.low, interval.high, ordered.repeated
+    count = repeated.count(low, high)
+    if count != repeated.count(low, high - interval.clearance):
+        raise UnclearBorder(f"an eigenvalue lies on the border {high:.6g}")
+    rest = replace(interval, n_expected=interval.n_expected - count)
+    pairs, factor = _search(ordered, rest, tolerance)
+    if count:
+        pairs = joined([pairs, repeated.within(low, high, interval.most)])
+    order = np.argsort(pairs.values, kind="stable")[: interval.most]
+    if np.any(np.diff(order) < 0) or len(order) < len(pairs):
+        pairs = pairs[order]
+    pairs = refine_pairs(ordered, factor, pairs, tolerance, lowest=low < 0.0)
+    return replace(pairs, interval=interval)
 
 
 def _search(
-    ordered: OrderedPencil,
-    interval: Interval,
-    tolerance: float,
-    stop: StopFlag,
-    left_out: npt.NDArray[np.bool_] | None = None,
-) -> tuple[FloatArray, FloatArray, float, Factor]:
+    ordered: OrderedPencil, interval: Interval, tolerance: float
+) -> tuple[ReducedPairs, Factor]:
     """Find the pairs of an interval with Krylov bases, restarted until all are found.
 
-    `left_out` is a mask of the vertices of components whose pairs are not sought. Returns values,
-    rows of shape (p, n), their orthonormality, and the last factor.
+    Pairs of repeated components are not sought. Returns the pairs and the last factor.
     """
     width = interval.high - interval.low
-    factor = _factor(ordered, interval, stop)
+    factor = _factor(ordered, interval)
     n, n_expected = ordered.pencil.n, interval.n_expected
-    nothing = np.zeros((0, n))
+    left_out = ordered.repeated.vertices(interval.low, interval.high)
     n_left_out = 0 if left_out is None else int(left_out.sum())
-    found_values, found, orthonormality = np.zeros(0), nothing, 0.0
+    found = nothing = ReducedPairs(np.zeros(0), np.zeros((0, n)), orthonormality=0.0)
     fruitless = 0
     moves = 0
     careful = False
     spacing = width / max(n_expected, 1)
     for attempt in range(40 + n_expected):
-        missing = n_expected - len(found_values)
+        missing = n_expected - len(found)
         if missing <= 0:
             break
         # One missing copy of a multiple eigenvalue may take as many steps as all pairs.
@@ -192,66 +122,64 @@ def _search(
         capacity = (4 * n_expected + 20 * BLOCK) * 2**fruitless
         capacity = min(capacity, BLOCK * max(free // BLOCK, 1))
         seed = (interval.first, n_expected, attempt)
-        basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful, left_out)
+        basis = KrylovBasis(ordered, factor, found.rows, capacity, seed, careful, left_out)
         # The last pairs, which converge slowly, are refined afterwards.
         target = tolerance * (_LENIENCE if fruitless else 1.0)
         try:
-            values, rows = _converge(basis, interval, missing, factor.shift, target)
-            values, defect = rotate_to_pairs(ordered, rows)
+            new = rotate_to_pairs(
+                ordered, _converge(basis, interval, missing, factor.shift, target)
+            )
         except UnclearBorder:
             raise
         except (ArithmeticError, np.linalg.LinAlgError):
             # The basis lost its orthogonality and contained a pair twice.
-            values, rows, defect = np.zeros(0), nothing, 0.0
-            careful = True
+            new, careful = nothing, True
         del basis  # free its memory before the next one is allocated
-        if moves < _MOVES and np.any(np.abs(values - factor.shift) < _NEAR * spacing):
+        if moves < _MOVES and np.any(np.abs(new.values - factor.shift) < _NEAR * spacing):
             moves += 1
-            factor = ordered.factor(factor.shift + _MOVE * spacing, 0.03 * width, stop)
-            found_values, found = np.zeros(0), nothing
+            factor = ordered.factor(factor.shift + _MOVE * spacing, 0.03 * width)
+            found = nothing
             continue
-        fruitless = fruitless + 1 if len(values) == 0 else 0
+        fruitless = fruitless + 1 if len(new) == 0 else 0
         if fruitless == _PATIENCE:
             break
-        found_values = np.concatenate([found_values, values])
         if len(found):
             for _ in range(2):
-                project_out(rows, found)
-                orthonormalise(rows)
-            found = np.concatenate([found, rows])
-            orthonormality = orthonormalise(found)
-        else:
-            found, orthonormality = rows, defect
-    if len(found_values) != n_expected:
+                project_out(new.rows, found.rows)
+                orthonormalise(new.rows)
+            new = joined([found, new])
+            new = replace(new, orthonormality=orthonormalise(new.rows))
+        found = new
+    if len(found) != n_expected:
         raise ArithmeticError(
-            f"{len(found_values)} of {n_expected} eigenvalues found between "
+            f"{len(found)} of {n_expected} eigenvalues found between "
             f"{interval.low:.6g} and {interval.high:.6g}"
         )
-    return found_values, found, orthonormality, factor
+    return found, factor
 
 
-def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Factor:
+def _factor(ordered: OrderedPencil, interval: Interval) -> Factor:
     """Return a factor at the shift of an interval or close to it.
 
     A nearly vanishing pivot hardly affects eigenvalues far above zero. In the lowest slice all
     pairs would have to be refined, and another factor is cheaper.
     """
     nudge = 0.03 * (interval.high - interval.low)
-    best = ordered.factor(interval.shift, nudge, stop)
+    best = ordered.factor(interval.shift, nudge)
     for side in (1.0, -1.0):
         if interval.low > 0.0 or best.error < _BLURRED:
             break
-        other = ordered.factor(interval.shift + side * nudge, nudge, stop)
+        other = ordered.factor(interval.shift + side * nudge, nudge)
         best = min(best, other, key=lambda factor: factor.error)
     return best
 
 
 def _converge(
     basis: KrylovBasis, interval: Interval, missing: int, shift: float, tolerance: float
-) -> tuple[FloatArray, FloatArray]:
+) -> FloatArray:
     """Extend a basis until the missing pairs have converged or no new pairs appear.
 
-    Returns values, shape (p,), and nearly orthonormal rows, shape (p, n).
+    Returns nearly orthonormal rows of ascending eigenvalues, shape (p, n).
     """
     b = BLOCK
     usual = min(usual_rows(missing), basis.capacity)
@@ -289,7 +217,7 @@ def _converge(
         if good == missing or full or copies_left:
             chosen = np.flatnonzero(inside & converged)
             chosen = chosen[np.argsort(theta[chosen], kind="stable")]
-            return shift + 1.0 / pairs.mu[chosen], basis.vectors(pairs, chosen)
+            return basis.vectors(pairs, chosen)
         check = size + (b if 0 < good == n_inside else 2 * b)
         if good < n_inside or good == 0:
             check = max(check, min(usual, 3 * size // 2))

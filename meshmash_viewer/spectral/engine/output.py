@@ -19,7 +19,8 @@ from meshmash_viewer.progress import Progress, ProgressCallback
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.engine.basis import BLOCK
-from meshmash_viewer.spectral.engine.lanczos import Found, usual_rows
+from meshmash_viewer.spectral.engine.lanczos import usual_rows
+from meshmash_viewer.spectral.engine.pairs import ReducedPairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.request import Request
 
@@ -98,14 +99,14 @@ class Output:
             mass=self.mass,
         )
 
-    def write(self, pairs: Found) -> slice:
+    def write(self, pairs: ReducedPairs) -> slice:
         """Scale pairs of the reduced problem and append them; return the slice of their indices.
 
         The given residuals are in the reduced unit, not relative. The given rows are overwritten.
         """
         pencil = self.pencil
-        count = min(len(pairs.values), self.total - self.written)
-        pairs = pairs.first(count)
+        count = min(len(pairs), self.total - self.written)
+        pairs = pairs[:count]
         values, rows, orthonormality = pairs.values, pairs.rows, pairs.orthonormality
         place = slice(self.written, self.written + count)
         # Equal eigenvalues may descend by rounding: make them ascend.

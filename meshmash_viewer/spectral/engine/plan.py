@@ -2,8 +2,7 @@
 
 Eigenvalues below a value are counted exactly, by Sylvester's law of inertia, so the number in each
 slice is known. Weyl's law gives the value of the first count; every count corrects the estimate. A
-border close to an eigenvalue is verified by counts on both sides. Slices start above the
-`KnownPairs` of an earlier run.
+border close to an eigenvalue is verified by counts on both sides.
 """
 
 from __future__ import annotations
@@ -15,18 +14,8 @@ from itertools import accumulate, chain
 from math import log
 from typing import NamedTuple, TypeVar
 
-import numpy as np
-
-from meshmash_viewer.arrays import FloatArray, blocks
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
-from meshmash_viewer.spectral.engine.factorization import (
-    FactorizationError,
-    OrderedPencil,
-    StopFlag,
-)
-from meshmash_viewer.spectral.engine.lanczos import Interval
-from meshmash_viewer.spectral.engine.pencil import Pencil
-from meshmash_viewer.spectral.engine.refinement import measure_pairs
+from meshmash_viewer.spectral.engine.factorization import FactorizationError, OrderedPencil
+from meshmash_viewer.spectral.engine.pairs import Interval
 
 T = TypeVar("T")
 
@@ -57,16 +46,9 @@ class SpectrumPlan:
     """
 
     def __init__(
-        self,
-        ordered: OrderedPencil,
-        stop: StopFlag,
-        sizes: Callable[[int], list[float]],
-        n_jobs: int = 1,
+        self, ordered: OrderedPencil, sizes: Callable[[int], list[float]], n_jobs: int = 1
     ) -> None:
-        self._ordered = ordered
-        self._sizes = sizes
-        self._stop = stop
-        self._n_jobs = n_jobs
+        self._ordered, self._sizes, self._n_jobs = ordered, sizes, n_jobs
         pencil = ordered.pencil
         self.top = 1.01 * pencil.norm + 1.0
         self._counts = {0.0: pencil.n_null, self.top: pencil.n}
@@ -83,7 +65,7 @@ class SpectrumPlan:
     def negative(self) -> int:
         """Count eigenvalues that are below zero by more than rounding."""
         below = -max(1e-6, 1e-9 * self.top)
-        return self._each([below], lambda v: self._ordered.factor(v, -v, self._stop).count_below)[0]
+        return self._each([below], lambda v: self._ordered.factor(v, -v).count_below)[0]
 
     def settle(self, value: float, outward: float = 1.0, *, wide: bool = False) -> float:
         """Return a value as a border or, if an eigenvalue is near it, a border beyond it.
@@ -131,7 +113,7 @@ class SpectrumPlan:
             return self._counts[0.0], 0.0
         if place >= self.top:
             return self._counts[self.top], 0.0
-        factor = self._ordered.factor_at(place, self._stop)
+        factor = self._ordered.factor_at(place)
         return None if factor is None else (factor.count_below, factor.blur)
 
     def _each(self, values: Sequence[float], work: Callable[[float], T]) -> list[T]:
@@ -148,7 +130,7 @@ class SpectrumPlan:
             self._note(shift, count, max(_BLURS * blur, _CLEARANCE * max(shift, 1.0)))
 
     def _count_near(self, value: float) -> tuple[float, int, float]:
-        factor = self._ordered.factor(value, _MOVE * max(value, 1e-3), self._stop)
+        factor = self._ordered.factor(value, _MOVE * max(value, 1e-3))
         if value in self._shifts:
             self._ordered.kept[factor.shift] = factor
         return factor.shift, factor.count_below, factor.blur
@@ -341,102 +323,3 @@ class _Cut(NamedTuple):
 def _window(place: float, slack: float) -> tuple[int, int]:
     """Return the smallest and largest allowed number of eigenvalues below a value."""
     return int(place - slack), int(place + slack) + 1
-
-
-#: Largest residual, relative to the eigenvalue, of an accepted pair.
-_RESIDUAL = 1e-6
-#: Rows measured at a time.
-_ROWS = 32
-#: Number of last known pairs among which the widest gap is chosen as border.
-_TAIL = 16
-#: Relative distance below which neighbouring eigenvalues are equal.
-_EQUAL = 1e-7
-#: Smallest share of the norm of a known row that lies in the span of its slice.
-_INSIDE = 1.0 - 1e-6
-
-
-class KnownPairs:
-    """The lowest pairs from an earlier run; `values` are eigenvalues in the reduced problem."""
-
-    def __init__(self, given: Eigenpairs, pencil: Pencil) -> None:
-        self.given = given
-        self._pencil = pencil
-        self.values = given.eigenvalues / pencil.unit
-
-    @classmethod
-    def of_shape(cls, given: Eigenpairs | None, pencil: Pencil) -> KnownPairs | None:
-        """Return known pairs if their shape, dtype and null space match a problem, else None."""
-        if given is None or given.rows.dtype != np.float64 or given.rows.shape[1] != pencil.n_all:
-            return None
-        known, null = cls(given, pencil), pencil.null_rows(len(given.eigenvalues))
-        alike = np.allclose(known.rows(0, len(null)), null, rtol=0.0, atol=1e-9)
-        return known if len(known.values) and alike else None
-
-    @classmethod
-    def verified(cls, given: Eigenpairs | None, ordered: OrderedPencil) -> KnownPairs | None:
-        """Return known pairs if each of them solves a problem, else None."""
-        known = cls.of_shape(given, ordered.pencil)
-        if known is None:
-            return None
-        count = len(known.values)
-        for part in blocks(count, _ROWS, ordered.pencil.n_null):
-            rows = known.rows(part.start, part.stop)
-            values, residuals = measure_pairs(ordered, rows)
-            limit = _RESIDUAL * np.maximum(values, 1e-3)
-            unit = (np.abs(np.linalg.norm(rows, axis=1) - 1.0) < 1e-6).all()
-            # Written so that NaN fails as well.
-            small = (residuals <= limit) & (np.abs(values - known.values[part]) <= limit)
-            if not (unit and small.all()):
-                return None
-        return known
-
-    def agrees_with(self, values: FloatArray) -> bool:
-        """Whether the known eigenvalues equal the first of `values`, except for rounding."""
-        m = min(len(values), len(self.values))
-        limit = _RESIDUAL * np.maximum(np.abs(values[:m]), 1e-3)
-        return bool((np.abs(values[:m] - self.values[:m]) <= limit).all())
-
-    def rows(self, start: int, stop: int) -> FloatArray:
-        """Return rows of the reduced problem, shape (p, n)."""
-        found = np.asarray(self.given.rows[start:stop], dtype=np.float64)
-        return np.ascontiguousarray(found[:, self._pencil.active]) * self._pencil.root_mass
-
-    def agrees_with_counts(self, plan: SpectrumPlan, most: int) -> bool:
-        """Whether counts contradict neither index nor number of the first `most` known pairs.
-
-        Counted are eigenvalues below the last pair and its copies, and below a value in a wide gap
-        near the end, which does not separate copies of a multiple eigenvalue.
-        """
-        values, n_null = self.values[:most], self._pencil.n_null
-        count = len(values)
-        index = np.arange(n_null + 1, count)
-        gaps = values[index] - values[index - 1]
-        wide = np.flatnonzero(gaps > _EQUAL * values[index])
-        if len(wide) == 0:
-            return True
-        try:
-            below_last = plan.settle(float(values[-1]), -1.0, wide=True)
-            if plan.count(below_last) != index[wide[-1]]:
-                return False
-            last = wide[wide >= len(index) - _TAIL] if wide[-1] >= len(index) - _TAIL else wide[-1:]
-            at = index[last[np.argmax(gaps[last])]]
-            border = plan.settle(0.5 * float(values[at - 1] + values[at]))
-        except FactorizationError:
-            return False
-        return bool(border < values[at] and plan.count(border) == at)
-
-    def complement(
-        self, start: int, stop: int, values: FloatArray, rows: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the unknown pairs of a slice that contains the known pairs `start` to `stop`.
-
-        They are ascending; their rows span the orthogonal complement of the known rows in the span
-        of all `rows` of the slice, (m, n). `ArithmeticError` is raised if a known row is outside.
-        """
-        inner = rows @ self.rows(start, stop).T
-        left, sizes, _ = np.linalg.svd(inner, full_matrices=True)
-        if sizes.min(initial=1.0) < _INSIDE:
-            raise ArithmeticError("a known eigenvector does not lie in the slice of its eigenvalue")
-        rest = left[:, stop - start :]
-        found, rotation = np.linalg.eigh(rest.T @ (values[:, None] * rest))
-        return found, np.asarray((rest @ rotation).T @ rows)

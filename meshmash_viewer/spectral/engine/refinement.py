@@ -13,7 +13,8 @@ from meshmash_viewer.spectral.engine.basis import (
     orthonormalise,
     project_out,
 )
-from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
+from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil
+from meshmash_viewer.spectral.engine.pairs import ReducedPairs
 
 #: Residuals above this multiple of the tolerance are refined.
 _COARSE = 8.0
@@ -25,18 +26,18 @@ _SEEN = 1e-7
 _IMAGES = 8 * BLOCK
 
 
-def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArray, float]:
+def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> ReducedPairs:
     """Rotate nearly orthonormal rows (p, n) to Ritz vectors of A, in place (Rayleigh–Ritz).
 
-    Rounding in the inverse mixes pairs of close eigenvalues; the rotation separates them. Returns
-    ascending values and the largest defect of the rows' inner products. `ArithmeticError` is raised
-    if the rows are far from independent.
+    Rounding in the inverse mixes pairs of close eigenvalues; the rotation separates them. Returned
+    are the pairs, ascending, without residuals. `ArithmeticError` is raised if the rows are far
+    from independent.
     """
     from scipy.linalg import eigh
 
     p, n = rows.shape
     if p == 0:
-        return np.zeros(0), 0.0
+        return ReducedPairs(np.zeros(0), rows, orthonormality=0.0)
     projection = np.empty((p, p))
     columns = np.zeros((n, BLOCK))
     images = np.empty((_IMAGES, n))
@@ -49,7 +50,7 @@ def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArra
     gram = independent_gram(rows)
     values, weights = eigh(projection, gram)
     multiply_in_place(np.ascontiguousarray(weights.T), rows, rows)
-    return values, orthonormalise(rows)
+    return ReducedPairs(values, rows, orthonormality=orthonormalise(rows))
 
 
 def measure_pairs(
@@ -77,19 +78,17 @@ def measure_pairs(
 def refine_pairs(
     ordered: OrderedPencil,
     factor: Factor,
-    rows: FloatArray,
+    pairs: ReducedPairs,
     tolerance: float,
     lowest: bool,
-    stop: StopFlag,
-) -> tuple[FloatArray, FloatArray, float]:
-    """Measure the pairs of orthonormal rows (p, n), and refine inaccurate pairs in place.
+) -> ReducedPairs:
+    """Measure pairs, refine the rows of inaccurate pairs in place, and return all of them.
 
     `factor` has a shift near the eigenvalues; `tolerance` is the residual relative to the
-    eigenvalue; `lowest` is True for the lowest pairs. Returns values, residuals, and the largest
-    defect of inner products after a refinement, 0 without one. `ArithmeticError` is raised if an
-    eigenvalue is negative.
+    eigenvalue; `lowest` is True for the lowest pairs. `ArithmeticError` is raised if an eigenvalue
+    is negative.
     """
-    orthonormality = 0.0
+    rows, orthonormality = pairs.rows, pairs.orthonormality or 0.0
     values, residuals = measure_pairs(ordered, rows)
     if lowest and values[0] < -max(1e-6, 1e-9 * ordered.pencil.norm):
         raise ArithmeticError(f"a negative eigenvalue, {values[0]:.6g}")
@@ -102,7 +101,7 @@ def refine_pairs(
             # A factor closer to the lowest eigenvalue damps components of neighbouring eigenvectors
             # too; it is seldom needed.
             below = -float(values[coarse[0]])
-            factor = ordered.factor(below, 0.1 * below, stop)
+            factor = ordered.factor(below, 0.1 * below)
         gained = _polish(ordered, factor, rows, values, residuals, coarse)
         if len(gained) == 0:
             break
@@ -112,7 +111,7 @@ def refine_pairs(
         refined[gained] = True
     # Residuals in twice the precision do not contain the rounding of A and of the rows.
     residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
-    return values, residuals, orthonormality
+    return ReducedPairs(values, rows, residuals, orthonormality)
 
 
 def _polish(
