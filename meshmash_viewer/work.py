@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeVar, cast
 
-from meshmash_viewer.progress import Progress
+from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.engine.compiler import limit_accelerate
 
 if TYPE_CHECKING:
@@ -295,6 +295,69 @@ class Wire:
             if cast(Any, self._source).readinto(memory) < size:
                 raise EOFError("the other end of the connection is gone")
         return memory
+
+
+class Child:
+    """A child process with a `Wire`, which calls ``main(source, sink, *arguments)``.
+
+    The process is started by the first use, and again after its end. Its standard error is written
+    to the file `errors`. All methods can be called in any thread.
+    """
+
+    def __init__(
+        self, main: Callable[..., None], *arguments: str, errors: Path | None = None
+    ) -> None:
+        self._main, self._arguments, self._errors = main, arguments, errors
+        self._lock = threading.Lock()
+        self._wire: Wire | None = None
+        #: The process; None while there is none.
+        self.process: subprocess.Popen[bytes] | None = None
+        #: Whether `close` has been called.
+        self.closed = False
+
+    def connect(self) -> Wire:
+        """Return the wire to the process; raise `Cancelled` after `close`."""
+        if self.process is not None and self.process.poll() is not None:
+            self.end()
+        with self._lock:
+            if self.closed:
+                raise Cancelled
+            if self._wire is None:
+                with open(self._errors or os.devnull, "wb") as errors:
+                    child = start_child(
+                        self._main, *self._arguments, stderr=errors, start_new_session=True
+                    )
+                self._wire = Wire(cast(BinaryIO, child.stdout), cast(BinaryIO, child.stdin))
+                self.process = child
+            return self._wire
+
+    def send(self, message: object) -> None:
+        """Send an object, if the process runs and is not about to end."""
+        wire = self._wire
+        if wire is not None:
+            with contextlib.suppress(OSError, ValueError):  # the process has just ended
+                wire.send(message)
+
+    def kill(self) -> None:
+        """End the process with its descendants, without waiting."""
+        with self._lock:
+            if self.process is not None:
+                end_group(self.process.pid)
+
+    def close(self, patience: float = 0.0) -> None:
+        """End the process for good, see `end`."""
+        self.closed = True
+        self.end(patience)
+
+    def end(self, patience: float = 0.0) -> None:
+        """Wait until the process has ended; descendants may take `patience` seconds to clean up."""
+        with self._lock:
+            process, self.process = self.process, None
+            wire, self._wire = self._wire, None
+        if process is not None and wire is not None:
+            end_group(process.pid, patience)
+            process.wait()
+            wire.close()
 
 
 def is_closed_pipe(fault: BaseException) -> bool:

@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 from PySide6.QtCore import QObject, Qt, QTimer, QUrl, Signal
 from PySide6.QtGui import QDesktopServices
 
-from meshmash_viewer.app.executor import Slot
-from meshmash_viewer.app.listening import listen, receive, stop_listening
+from meshmash_viewer.app.executor import Held, Slot
+from meshmash_viewer.app.listening import listen, receive
 from meshmash_viewer.app.view.camera import geometry_of
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import Job, Queueing
@@ -148,6 +148,7 @@ class Jobs(QObject):
         self._waiting: list[Job] = []
         self._received.connect(self._take, Qt.ConnectionType.QueuedConnection)
         self.worker = Worker(self._prepare)
+        self._held = Held(self, self._waiting.clear, self.worker.close)
         receive(document.work.requested, self.run)
         listen(document.work.cancel_requested, self.cancel)
         listen(document.mesh_changed, self._on_mesh_changed)
@@ -177,12 +178,6 @@ class Jobs(QObject):
         """Cancel the running job, and drop the waiting jobs."""
         self._drop(lambda _: True)
         self.worker.cancel()
-
-    def close(self) -> None:
-        """Stop all jobs, end their processes and delete their temporary files."""
-        stop_listening(self)
-        self._waiting.clear()
-        self.worker.close()
 
     def _drop(self, is_dropped: Callable[[Job], bool]) -> None:
         """Drop waiting jobs."""

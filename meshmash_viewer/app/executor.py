@@ -62,7 +62,17 @@ class Call:
         _executor().delivered.emit(self, result, "sent")
 
 
-class Slot:
+class Held:
+    """Something that ends with the Qt object that it belongs to, see `shutdown`."""
+
+    def __init__(
+        self, owner: QObject, close: Callable[[], object], wait: Callable[[], object] = lambda: None
+    ) -> None:
+        self.owner, self.close, self.wait = weakref.ref(owner), close, wait
+        _executor().held.add(self)
+
+
+class Slot(Held):
     """Slot `name` of a Qt object, for `is_idle` and `shutdown` a slot of the object's window too.
 
     With `one_core`, linear algebra uses the calling thread only: more threads would compete with
@@ -71,7 +81,8 @@ class Slot:
     """
 
     def __init__(self, owner: QObject, name: str, *, one_core: bool = False) -> None:
-        self.name, self.owner = name, weakref.ref(owner)
+        super().__init__(owner, self._close, self._wait)
+        self.name = name
         #: Guards the attributes that `Call` reads, and announces new calls.
         self.condition = threading.Condition()
         #: Number of times that the calls have been dropped.
@@ -82,7 +93,6 @@ class Slot:
         self._closed = False
         #: The newest call, until its result has been passed on; used by the interface thread.
         self._newest: Call | None = None
-        _executor().slots.add(self)
 
     @property
     def working(self) -> bool:
@@ -127,12 +137,12 @@ class Slot:
             self._waiting = deque(call for call in self._waiting if call.queued)
             self.condition.notify_all()
 
-    def close(self) -> None:
+    def _close(self) -> None:
         """Drop the calls, and ignore new calls."""
         self._closed = True
         self.drop()
 
-    def wait(self) -> None:
+    def _wait(self) -> None:
         """Wait until no call runs or waits."""
         served = self._served
         if served is not None:
@@ -190,11 +200,11 @@ class _Executor(QObject):
     def __init__(self) -> None:
         super().__init__()
         self.threads = ThreadPoolExecutor(_THREADS, "slot")
-        self.slots: weakref.WeakSet[Slot] = weakref.WeakSet()
+        self.held: weakref.WeakSet[Held] = weakref.WeakSet()
         self.delivered.connect(self._take, Qt.ConnectionType.QueuedConnection)
 
-    def slots_of(self, owner: QObject) -> list[Slot]:
-        return [slot for slot in self.slots if belongs_to(slot.owner(), owner)]
+    def held_by(self, owner: QObject) -> list[Held]:
+        return [each for each in self.held if belongs_to(each.owner(), owner)]
 
     def _take(self, call: Call, result: Any, kind: str) -> None:
         call.slot.take(call, result, kind)
@@ -202,22 +212,24 @@ class _Executor(QObject):
 
 def is_idle(owner: QObject) -> bool:
     """Return whether no slot of a Qt object and of its children is working."""
-    return not any(slot.working for slot in _executor().slots_of(owner))
+    held = _executor().held_by(owner)
+    return not any(isinstance(each, Slot) and each.working for each in held)
 
 
 def shutdown(owner: QObject) -> None:
-    """Stop signals, timers and calls of a Qt object and its children, such as a closing window.
+    """End all that belongs to a Qt object and its children, such as a closing window.
 
-    Queued calls are completed; no results are passed on.
+    These are signals, timers, calls and processes, then what was drawn. Queued calls are completed;
+    no results are passed on.
     """
     stop_listening(owner)
     for timer in owner.findChildren(QTimer):
         timer.stop()
-    slots = _executor().slots_of(owner)
-    for slot in slots:
-        slot.close()
-    for slot in slots:
-        slot.wait()
+    held = _executor().held_by(owner)
+    for each in held:
+        each.close()
+    for each in sorted(held, key=lambda each: not isinstance(each, Slot)):
+        each.wait()
 
 
 _FREE = nullcontext()

@@ -456,10 +456,6 @@ class MainWindow(ScriptedWindow):
             self.opening.end_comparison()
             theme.notifier().changed.disconnect(self._on_theme_changed)
             self._focus_keys.stop()
-            self.commands.pictures.close()
-            self.jobs.close()
             shutdown(self)
-            if self.loaded:
-                self.scene.close()
             self.closed.emit()
         super().closeEvent(event)

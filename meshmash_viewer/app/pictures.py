@@ -13,6 +13,7 @@ import numpy as np
 from PySide6.QtGui import QGuiApplication, QImage
 
 from meshmash_viewer.app.background import BackgroundIO, say_saved
+from meshmash_viewer.app.executor import Held
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.opening import Opening, ask
 from meshmash_viewer.io.atomic import remove_left_overs
@@ -45,8 +46,7 @@ class Pictures:
         #: Open modeless dialogs by command.
         self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
         self._background_io = background_io
-        #: Processes of the pictures that are being drawn.
-        self._processes: list[PictureProcess] = []
+        self._held = Held(background_io, self._close_dialogs)
 
     def save_picture(self) -> None:
         from meshmash_viewer.app.dialogs.figure_dialog import FigureDialog
@@ -127,14 +127,13 @@ class Pictures:
         from meshmash_viewer.app.view.child import PictureProcess
 
         process = PictureProcess()
-        self._processes.append(process)
+        held = Held(self._background_io, process.close)
 
         def call() -> Result:
             try:
                 return work(process)
             finally:
-                process.close()
-                self._processes.remove(process)
+                held.close()
 
         holds = lambda: not process.closed  # noqa: E731
         self._background_io.run(doing, call, then)
@@ -253,10 +252,7 @@ class Pictures:
 
         self._run("Drawing the picture", draw, take)
 
-    def close(self) -> None:
-        """Stop drawing and writing, and close open dialogs."""
-        for process in list(self._processes):  # tasks remove theirs when they end
-            process.close()
+    def _close_dialogs(self) -> None:
         for dialog in list(self._open_dialogs.values()):
             dialog.done(0)  # cancels the recording of a movie
 

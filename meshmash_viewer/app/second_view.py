@@ -110,9 +110,7 @@ class SecondView(QWidget):
         self._first.draw()
         self.pair.close()
         self._first_scene.camera_changed.disconnect(self._turn_second)
-        self.jobs.close()
         shutdown(self)
-        self.scene.close()
 
     # -- changes of the documents -------------------------------------------------------------
 

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar, TypeAlias, cast
+from typing import Any, BinaryIO, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.notices import Failure, failure_of
 from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
 from meshmash_viewer.spectral.cost import decomposition_bytes
-from meshmash_viewer.work import Channel, JobResult, Wire, end_group, start_child
+from meshmash_viewer.work import Channel, Child, JobResult, Wire, end_group
 
 #: Function called with the kind of a message and its content: "progressed" with a `Progress`,
 #: "sent" with a partial result, and at the end "finished" with the result, "failed" with a
@@ -77,10 +77,8 @@ class Worker:
         self._receive = receive
         #: Folder for previews and spare eigenpairs; removed by `close`.
         self.folder = Path(tempfile.mkdtemp(prefix=scratch_prefix()))
-        self._lock = threading.Lock()  # guards `_process` and `_closing`
-        self._process: subprocess.Popen[bytes] | None = None
-        self._closing = False
-        self._wire: Wire | None = None
+        # messages printed by libraries do not belong in the terminal
+        self._child = Child(serve, str(self.folder), errors=self.folder / "stderr.txt")
         self._numbers = itertools.count(1)
         self._order: _Order | None = None
         self._orders: queue.SimpleQueue[_Order | None] = queue.SimpleQueue()
@@ -95,7 +93,7 @@ class Worker:
     @property
     def process_id(self) -> int | None:
         """Id of the child process; None while there is none."""
-        process = self._process
+        process = self._child.process
         return process.pid if process is not None else None
 
     def submit(self, job: Job) -> None:
@@ -103,7 +101,7 @@ class Worker:
 
         `RuntimeError` is raised if a job runs already, or the worker is closed.
         """
-        if self.busy or self._closing:
+        if self.busy or self._child.closed:
             raise RuntimeError("the worker is busy or closed")
         self._order = _Order(next(self._numbers), (job.label, job.work))
         self._orders.put(self._order)
@@ -120,43 +118,30 @@ class Worker:
             timer.start()
 
     def _ask_to_stop(self, order: _Order) -> None:
-        wire = self._wire
-        if wire is not None:
-            with contextlib.suppress(OSError, ValueError):  # the process has just ended
-                wire.send((order.number, None))
+        self._child.send((order.number, None))
 
     def _insist(self, order: _Order) -> None:
         if not order.ended.is_set():
-            self._end_process()
+            self._child.kill()
 
     def close(self) -> None:
         """Stop the running job, and wait until its processes have ended and files are deleted."""
-        with self._lock:
-            self._closing = True
         self._orders.put(None)
-        self._end_process()
+        self._child.close(_CLOSE_PATIENCE)
         self._thread.join()
         shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _end_process(self) -> None:
-        with self._lock:
-            if self._process is not None:
-                end_group(self._process.pid)
 
     # -- in the thread ------------------------------------------------------------------------
 
     def _serve(self) -> None:
         """Start a process, and run submitted jobs in it one after the other."""
-        try:
-            if not self.in_process:
-                with contextlib.suppress(OSError):  # the first job retries and reports the error
-                    self._start_process()
-                _import_libraries()
-                remove_abandoned()
-            while (order := self._orders.get()) is not None:
-                self._run(order)
-        finally:
-            self._drop_process(_CLOSE_PATIENCE)
+        if not self.in_process:
+            with contextlib.suppress(OSError, Cancelled):  # the first job reports the error
+                self._child.connect()
+            _import_libraries()
+            remove_abandoned()
+        while (order := self._orders.get()) is not None:
+            self._run(order)
 
     def _run(self, order: _Order, *, again: bool = True) -> None:
         """Run a job, and report its end.
@@ -172,6 +157,8 @@ class Worker:
         else:
             try:
                 self._exchange(order)
+            except Cancelled:
+                receive("cancelled", None)
             except (EOFError, BrokenPipeError):
                 failure = self._replace_process(order.given[0])
                 if self._is_stopped(order):
@@ -184,11 +171,11 @@ class Worker:
                 text = f"{order.given[0]} stopped: {error.strerror or error}."
                 receive("failed", Failure(text, repr(error), correctable=True))
             except Exception as error:  # noqa: BLE001  a defect must not end the thread silently
-                self._drop_process()
+                self._child.end(_CRASH_PATIENCE)
                 receive("failed", failure_of(error, order.given[0]))
 
     def _is_stopped(self, order: _Order) -> bool:
-        return order.stopped.is_set() or self._closing
+        return order.stopped.is_set() or self._child.closed
 
     def _deliver(self, order: _Order, kind: str, content: Any) -> None:
         order.answered.set()
@@ -197,29 +184,25 @@ class Worker:
         self._receive(kind, content)
 
     def _exchange(self, order: _Order) -> None:
-        """Start the process if needed, send a job to it, and deliver its messages."""
-        if self._process is None or self._process.poll() is not None:
-            self._drop_process()
-            self._start_process()
-        if self._wire is None:
-            raise EOFError
-        self._wire.send((order.number, order.given))
+        """Send a job to the process, and deliver its messages."""
+        wire = self._child.connect()
+        wire.send((order.number, order.given))
         if order.stopped.is_set():  # stopped before the process was connected
-            self._wire.send((order.number, None))
+            wire.send((order.number, None))
         while not order.ended.is_set():
-            self._deliver(order, *self._wire.receive())
+            self._deliver(order, *wire.receive())
 
     def _replace_process(self, label: str) -> Failure:
         """Start another process, and return the reason why the previous process ended."""
-        code = 0
-        if self._process is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):  # `_drop_process` ends it
-                code = self._process.wait(_CLOSE_PATIENCE)
+        code, process = 0, self._child.process
+        if process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):  # `Child.end` ends it
+                code = process.wait(_CLOSE_PATIENCE)
         errors = self.folder / "stderr.txt"
         details = errors.read_bytes()[-4000:].decode(errors="replace") if errors.exists() else ""
-        self._drop_process()
-        with contextlib.suppress(OSError):  # the next job retries and reports the error
-            self._start_process()
+        self._child.end(_CRASH_PATIENCE)
+        with contextlib.suppress(OSError, Cancelled):  # the next job reports the error
+            self._child.connect()
         if code == -9:
             text = (
                 f"{label} was stopped by the system, most likely because memory ran out: "
@@ -232,25 +215,6 @@ class Worker:
                 "compute again to continue."
             )
         return Failure(text, details)
-
-    def _start_process(self) -> None:
-        with self._lock:
-            if self._closing:
-                return
-            # messages printed by libraries do not belong in the terminal
-            with open(self.folder / "stderr.txt", "wb") as errors:
-                child = start_child(serve, str(self.folder), stderr=errors, start_new_session=True)
-            self._process = child
-            self._wire = Wire(cast(BinaryIO, child.stdout), cast(BinaryIO, child.stdin))
-
-    def _drop_process(self, patience: float = _CRASH_PATIENCE) -> None:
-        with self._lock:
-            process, self._process = self._process, None
-            wire, self._wire = self._wire, None
-        if process is not None and wire is not None:
-            end_group(process.pid, patience)
-            process.wait()
-            wire.close()
 
 
 def _import_libraries() -> None:

@@ -26,6 +26,7 @@ from tiers import slow
 import meshmash_viewer
 from meshmash_viewer.app import run
 from meshmash_viewer.app.dialogs.series import Run, SeriesPainter
+from meshmash_viewer.app.executor import shutdown
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import FaultBoundary
 from meshmash_viewer.app.view import pickable
@@ -255,7 +256,7 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(
     assert len(failures) == 1
     assert "AttributeError" in failures[0].text
     assert drawn == [0]
-    painter.close()
+    shutdown(painter)
 
 
 @pytest.mark.slow
@@ -278,7 +279,7 @@ def test_a_crash_of_a_driver_is_said_and_the_next_picture_is_drawn(
         qtbot.waitUntil(lambda: not painter.busy, timeout=PATIENCE)
     assert "graphics driver" in failures[0].text
     assert (len(failures), done) == (1, [True])
-    painter.close()
+    shutdown(painter)
 
 
 def test_a_task_of_the_render_that_fails_is_waited_for_no_longer(

@@ -12,6 +12,7 @@ from long_jobs import dying, endless, failing
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.background import Jobs
+from meshmash_viewer.app.executor import shutdown
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -50,7 +51,7 @@ def session(qtbot: QtBot) -> Iterator[Session]:
     session = Session(document, Jobs(document), qtbot)
     document.notices.shown.connect(session.notices.append)
     yield session
-    session.jobs.close()
+    shutdown(session.jobs)
     assert not session.jobs.worker.folder.exists()
 
 
@@ -301,7 +302,7 @@ def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
         lambda: document.work.job is not None and document.work.job.progress.total > 0,
         timeout=_PATIENCE,
     )
-    jobs.close()
+    shutdown(jobs)
     assert not jobs.worker.folder.exists()
     assert jobs.worker.process_id is None
 

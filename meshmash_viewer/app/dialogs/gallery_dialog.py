@@ -235,7 +235,6 @@ class GalleryDialog(SeriesDialog):
         theme.notifier().changed.disconnect(self._draw_draft)
         self._scene.frames.stand_in_made.disconnect(self._draw_draft)
         self._delay.stop()
-        self._draft_painter.close()
         super().done(result)
 
 

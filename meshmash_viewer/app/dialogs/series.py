@@ -17,7 +17,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.make import keep_room, row, show_quietly
 from meshmash_viewer.app.controls.number_field import WholeField
-from meshmash_viewer.app.executor import Call, Slot, shutdown
+from meshmash_viewer.app.executor import Call, Held, Slot, shutdown
 from meshmash_viewer.app.view.caption import Caption
 from meshmash_viewer.app.view.child import PictureProcess
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
@@ -71,6 +71,7 @@ class SeriesPainter(QObject):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._process = PictureProcess()
+        self._held = Held(self, lambda: self._process.close())
         self._slot = Slot(self, "pictures")
 
     @property
@@ -92,11 +93,6 @@ class SeriesPainter(QObject):
         self.stop()
         self._process.close()
         self._process = PictureProcess()
-
-    def close(self) -> None:
-        """Stop the series, end the process, and wait for the thread."""
-        self._process.close()
-        shutdown(self)
 
     def _draw(self, run: Run, call: Call) -> None:
         """Draw a series; runs in a thread."""
@@ -225,6 +221,5 @@ class SeriesDialog(QDialog):
         self.remark_label.setText(failure.text)
 
     def done(self, result: int) -> None:
-        self._painter.close()
         shutdown(self)
         super().done(result)

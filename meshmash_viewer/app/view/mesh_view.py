@@ -12,7 +12,7 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QWidget
 from scipy.spatial.transform import Rotation
 
-from meshmash_viewer.app.executor import shutdown
+from meshmash_viewer.app.executor import Held, shutdown
 from meshmash_viewer.app.view.annotations import BAR_SPACE, margins, title_size
 from meshmash_viewer.app.view.camera import View, view_axes
 from meshmash_viewer.app.view.caption import caption_of
@@ -86,6 +86,7 @@ class MeshView(PickableRender):
         #: Vertex of the dragged pin: -1 during a drag that rotates the mesh, None without a drag.
         self._dragged_pin: int | None = None
         self._closed = False
+        self._held = Held(self, lambda: None, self._release)
         self._hovered = self._pointed = self._last_clicked = self._hovered_point = -1
         self.cut_handle = CutHandle(self.renderer)
         self.bar_handles = BarHandles(self.renderer)
@@ -476,11 +477,13 @@ class MeshView(PickableRender):
     def closeEvent(self, event: QCloseEvent) -> None:
         """Stop background work, and release the graphics resources."""
         super().closeEvent(event)
+        shutdown(self)
+
+    def _release(self) -> None:
         if self._closed:
             return
         self._closed = True
         self._ring.hide()
-        shutdown(self)
         self.frames.close()
         self.renderer.set_mesh(None, None)
         self.plotter.window_of_vtk.RemoveRenderer(self.renderer.renderer)
