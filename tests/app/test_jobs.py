@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from long_jobs import dying, endless, failing
+from long_jobs import endless, failing
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.background import Jobs
@@ -183,59 +183,6 @@ def test_a_voxel_size_speaks_of_the_file_however_often_it_is_said(
         np.testing.assert_array_equal(document.mesh.vertices, factor * neuron.vertices)
 
 
-def test_a_voxel_size_after_a_repair_keeps_the_repair_and_its_undo(
-    session: Session, neuron: Mesh
-) -> None:
-    document = session.document
-    document.take_mesh(neuron)
-    session.wait_until_idle()
-    document.repair("keep_largest_component")
-    session.wait_until_idle()
-    before = document.mesh
-    document.set_unit("4 x 4 x 40 nm")
-    session.wait_until_idle()
-    assert document.repairs == ("keep_largest_component",)
-    assert document.undo_repair_steps
-    np.testing.assert_allclose(document.mesh.vertices, before.vertices * (4.0, 4.0, 40.0))
-    assert document.ready.health.area == pytest.approx(document.mesh.area)
-    document.history.undo()
-    assert document.mesh is before
-    document.history.undo()
-    assert document.repairs == ()
-    assert not document.undo_repair_steps
-    assert document.mesh.vertices is neuron.vertices
-    document.history.redo()
-    document.history.redo()
-    assert document.unit_text == "4 × 4 × 40 nm"
-    assert document.ready.health.area == pytest.approx(document.mesh.area)
-    np.testing.assert_allclose(document.ready.normals, document.mesh.vertex_normals, atol=1e-6)
-
-
-def test_pins_stay_where_their_vertices_stay(session: Session, neuron: Mesh) -> None:
-    document = session.document
-    document.take_mesh(neuron)
-    session.wait_until_idle()
-    unreferenced = int(np.flatnonzero(~neuron.referenced)[0])
-    for vertex in (0, unreferenced + 1, neuron.n_vertices - 1):
-        document.pins.toggle(vertex)
-    pins = document.pins.placed
-    document.set_unit("4 x 4 x 40 nm")
-    session.wait_until_idle()
-    assert document.pins.placed == pins
-    document.set_unit("4 x 4 x 40 µm")
-    assert document.pins.placed == pins
-    document.repair("keep_largest_component")  # renumbers all but the first vertices
-    session.wait_until_idle()
-    in_file = [document.mesh.file_index(pin.vertex) for pin in document.pins.placed]
-    assert in_file == [pin.vertex for pin in pins]
-    assert document.pins.placed[1].vertex != pins[1].vertex
-    document.undo_repair()
-    assert document.pins.placed == pins
-    document.take_mesh(neuron)
-    session.wait_until_idle()
-    assert document.pins.placed == ()
-
-
 def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: Mesh) -> None:
     document = session.document
     document.take_mesh(neuron)
@@ -250,22 +197,10 @@ def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: 
     assert document.spectrum is None or not document.spectrum.complete
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("own_process")
-def test_an_end_of_the_process_is_said_and_the_next_job_runs(
-    session: Session, neuron_file: Path
-) -> None:
-    fail_and_go_on(session, dying(), neuron_file)
-
-
 @pytest.mark.parametrize("job", [failing("input"), failing("defect")])
 def test_failure_is_said_and_the_next_job_runs(
     session: Session, job: Job, neuron_file: Path
 ) -> None:
-    fail_and_go_on(session, job, neuron_file)
-
-
-def fail_and_go_on(session: Session, job: Job, neuron_file: Path) -> None:
     session.document.work.request(job)
     session.wait_until_idle()
     assert session.last().severity is Severity.ERROR
@@ -308,22 +243,6 @@ def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
 
 
 @pytest.mark.slow
-def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
-    document = session.document
-    document.take_mesh(shapes.rectangle(250, 250))
-    session.wait(lambda: document.spectrum is not None)
-    session.wait_until_idle()
-    assert document.spectrum.preview
-    assert not session.notices
-    document.solve.target = Target("count", 60)
-    document.solve.compute()
-    session.wait(lambda: document.spectrum.complete)
-    session.wait_until_idle()
-    assert not document.spectrum.preview
-    assert document.spectrum.alignment is not None
-
-
-@pytest.mark.slow
 def test_compute_need_not_wait_for_a_preview_and_runs_once(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -334,9 +253,13 @@ def test_compute_need_not_wait_for_a_preview_and_runs_once(
     document.take_mesh(shapes.rectangle(250, 250))
     session.wait(lambda: document.work.job is not None and document.work.job.doing == "Previewing")
     assert document.solve.can_compute
-    document.solve.target = Target("count", 10)
+    document.solve.target = Target("count", 60)
     document.solve.compute()
     document.solve.compute()
+    session.wait(lambda: document.spectrum is not None)
+    assert document.spectrum.preview
     session.wait(lambda: document.spectrum is not None and document.spectrum.complete)
     session.wait_until_idle()
     assert sum(job.doing == "Decomposing" for job in runs) == 1
+    assert document.spectrum.alignment is not None
+    assert not session.notices
