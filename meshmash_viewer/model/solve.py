@@ -92,8 +92,8 @@ class Solve:
     def can_compute(self) -> bool:
         """Whether the mesh has pairs left to compute, and no other job runs."""
         running = self._work.job
-        brief = running is not self._job and getattr(running, "queueing", None) is Queueing.NEWEST
-        waits = running is None or brief
+        brief = running is not None and running.queueing is Queueing.NEWEST
+        waits = running is None or (brief and running is not self._job)
         return self._opened.ready is not None and waits and not self.is_computed
 
     @property
