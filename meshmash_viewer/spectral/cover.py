@@ -192,7 +192,8 @@ def residuals(corners, twins, cotangents, areas, counts, columns, values):  # ty
     near, w = np.empty(3, np.int64), np.empty((3, 4), np.float32)
     for f in range(len(corners)):
         if f % _FACES == 0:
-            _move(parts, sums)
+            sums += parts
+            parts[:] = 0.0
         count = counts[f]
         if count == 0:
             continue
@@ -231,13 +232,4 @@ def residuals(corners, twins, cotangents, areas, counts, columns, values):  # ty
             q = q0 * u + q1 * columns[e, k] - q2 * v - q3 * t + rate * (total - u)
             r = r0 * v + r1 * columns[g, k] - r2 * t - r3 * u + rate * (total - v)
             parts[1, k] += p * (pp * p + pq * q) + q * (qq * q + qr * r) + r * (rr * r + rp * p)
-    _move(parts, sums)
-    return sums
-
-
-@numba.njit(cache=True, nogil=True)
-def _move(parts, sums):  # type: ignore[no-untyped-def]
-    for each in range(2):
-        for k in range(sums.shape[1]):
-            sums[each, k] += parts[each, k]
-            parts[each, k] = 0.0
+    return sums + parts

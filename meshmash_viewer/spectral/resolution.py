@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshmash_viewer.arrays import FloatArray, IntArray, blocks
+from meshmash_viewer.arrays import FloatArray, blocks
 from meshmash_viewer.errors import InputError, other_mesh
 from meshmash_viewer.features.filter_responses import count_zeros
 from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix, cotangent_laplacian
@@ -19,6 +19,7 @@ from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback, check_cancelled
 from meshmash_viewer.spectral.cost import check_memory, free_memory
 from meshmash_viewer.spectral.weyl import Target, Translation
+from meshmash_viewer.surface.edges import side_codes
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigenpairs import Eigenpairs, EigenpairsLike
@@ -184,23 +185,16 @@ def quick_error(mesh: Mesh, pairs: Eigenpairs) -> FloatArray:
     return errors
 
 
-def _edges(faces: IntArray, n: int) -> tuple[IntArray, IntArray]:
-    """Return the ends of the edges, shape (2, e), and the edges ab, bc, ca of faces, (m, 3)."""
-    after = np.roll(faces, -1, axis=1)
-    keys = np.minimum(faces, after) * n + np.maximum(faces, after)
-    found, numbers = np.unique(keys, return_inverse=True)
-    return np.stack(np.divmod(found, n)), numbers.reshape(-1, 3)
-
-
 def _cut_in_four(mesh: Mesh) -> Mesh:
     """Return the same surface with every face cut in four at the midpoints of its edges.
 
     The faces keep their order, on which the robust Laplacian of non-manifold meshes depends.
     """
-    edges, numbers = _edges(mesh.proper_faces, mesh.n_vertices)
-    (a, b, c), (ab, bc, ca) = mesh.proper_faces.T, (numbers + mesh.n_vertices).T
+    n, old = mesh.n_vertices, mesh.proper_faces
+    keys, numbers = np.unique(side_codes(old, n) >> 1, return_inverse=True)
+    (a, b, c), (ab, bc, ca) = old.T, (numbers.reshape(-1, 3) + n).T
     faces = np.stack([a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca], axis=1).reshape(-1, 3)
-    middles = 0.5 * (mesh.vertices[edges[0]] + mesh.vertices[edges[1]])
+    middles = mesh.vertices[np.stack(np.divmod(keys, n))].mean(axis=0)
     return Mesh(np.concatenate([mesh.vertices, middles]), faces)
 
 
