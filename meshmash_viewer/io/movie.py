@@ -15,7 +15,7 @@ from meshmash_viewer.errors import InputError, package_missing, unknown_ending
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 
 Frame: TypeAlias = npt.NDArray[np.uint8]
-Add: TypeAlias = Callable[[Frame], object]
+Add: TypeAlias = Callable[[Frame], None]
 
 #: Default frame rate (1/s), and default duration (s) of a turntable movie.
 TURN_RATE, TURN_SECONDS = 25.0, 6.0
@@ -111,19 +111,23 @@ def _mp4(part: Path, size: tuple[int, int], rate: float) -> Iterator[Add]:
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         start_new_session=True,
     ) as process:
-        assert process.stdin is not None
+        assert (pipe := process.stdin) is not None
+
+        def add(frame: Frame) -> None:
+            pipe.write(frame.data)
+
         try:
-            yield process.stdin.write
-            process.stdin.close()
+            yield add
+            pipe.close()
         except BaseException as fault:
             process.kill()  # it would write the rest of its file first
             with suppress(OSError):  # the pipe is broken
-                process.stdin.close()
+                pipe.close()
             if not isinstance(fault, OSError):
                 raise
     if process.returncode:  # it has printed why
-        fault = "ffmpeg cannot write this movie"
-        raise InputError("not-writable", fault, "write .gif, or make space on the disk")
+        remedy = "write .gif, or make space on the disk"
+        raise InputError("not-writable", "ffmpeg cannot write this movie", remedy)
 
 
 _WRITERS: dict[str, Callable[[Path, tuple[int, int], float], AbstractContextManager[Add]]] = {
