@@ -111,7 +111,8 @@ def _mp4(part: Path, size: tuple[int, int], rate: float) -> Iterator[Add]:
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         start_new_session=True,
     ) as process:
-        assert (pipe := process.stdin) is not None
+        pipe = process.stdin
+        assert pipe is not None
 
         def add(frame: Frame) -> None:
             pipe.write(frame.data)
