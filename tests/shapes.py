@@ -9,7 +9,6 @@ from meshmash_viewer.mesh import Mesh
 
 __all__ = [
     "flat_torus",
-    "flat_torus_eigenvalues",
     "icosphere",
     "neuron",
     "rectangle",
@@ -130,20 +129,13 @@ def rectangle_eigenvalues(count: int, a: float = 2.0, b: float = 1.5) -> np.ndar
 def flat_torus(n: int = 24, side: float = 1.0) -> tuple[sparse.csc_array, sparse.dia_array]:
     """Return (L, M) of the square with opposite sides glued, n × n vertices.
 
-    The cotangent Laplacian of a grid of right triangles is the five-point stencil, so
-    `flat_torus_eigenvalues` gives the exact eigenvalues of the matrices.
+    The cotangent Laplacian of a grid of right triangles is the five-point stencil.
     """
     shift = sparse.csc_array((np.ones(n), (np.arange(n), (np.arange(n) + 1) % n)), shape=(n, n))
     one = sparse.eye_array(n)
     circle = 2.0 * one - shift - shift.T
     stiffness = sparse.csc_array(sparse.kron(circle, one) + sparse.kron(one, circle))
     return stiffness, sparse.diags_array(np.full(n * n, (side / n) ** 2))
-
-
-def flat_torus_eigenvalues(n: int = 24, side: float = 1.0) -> np.ndarray:
-    """Return all n² exact eigenvalues of `flat_torus`, ascending."""
-    circle = 2.0 - 2.0 * np.cos(2.0 * np.pi * np.arange(n) / n)
-    return np.sort((circle[:, None] + circle[None]).ravel()) * (n / side) ** 2
 
 
 def tube(path: np.ndarray, radius: np.ndarray, around: int = 16) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,6 @@ import time
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import psutil
 import pytest
 import scipy.sparse as sp
@@ -19,7 +18,6 @@ from test_eigensolver import Matrices, check, dense, random_mesh, torus
 from tiers import slow_but
 
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine.factorization import order_pencil
 from meshmash_viewer.spectral.engine.lanczos import find_pairs, run_slices
@@ -143,15 +141,6 @@ def test_all_but_one_pair_beyond_the_dense_size() -> None:
     check(decomposition, exact[:-1])
 
 
-@pytest.mark.slow
-def test_bits_do_not_depend_on_the_number_of_workers() -> None:
-    matrices = random_mesh(21, copies=4)
-    runs = [solve(*matrices, 300, n_jobs=jobs) for jobs in (1, 2, 3)]
-    for run in runs[1:]:
-        assert run.rows.tobytes() == runs[0].rows.tobytes()
-        assert run.residuals.tobytes() == runs[0].residuals.tobytes()
-
-
 def slice_of(matrices: Matrices, low: int, high: int) -> tuple[Any, list[Interval]]:
     """Return the pencil in elimination order, and its slices between two counts."""
     ordered = order_pencil(reduce_pencil(*matrices))
@@ -225,24 +214,3 @@ def test_terminated_parent_leaves_no_process() -> None:
     assert process.exitcode is not None
     _, alive = psutil.wait_procs(family, timeout=60)
     assert not alive
-
-
-def exactness(decomposition: Eigenpairs, matrices: Matrices) -> npt.NDArray[np.float64]:
-    """Return the relative errors of the eigenvalues against the dense solution."""
-    exact = dense(matrices)[: decomposition.n_components]
-    some = exact > 1e-9 * exact[-1]
-    return np.asarray(np.abs(decomposition.eigenvalues[some] / exact[some] - 1.0))
-
-
-def test_three_ways_agree_with_the_dense_solution() -> None:
-    matrices = random_mesh(23, copies=2)
-    by_count = solve(*matrices, 200)
-    assert exactness(by_count, matrices).max() < 1e-9
-    middle = float(by_count.eigenvalues[199] + by_count.eigenvalues[198]) / 2.0
-    by_threshold = solve(*matrices, max_eigenvalue=middle)
-    assert by_threshold.n_components == 199
-    assert exactness(by_threshold, matrices).max() < 1e-9
-    around = solve(*matrices, 40, sigma=float(by_count.eigenvalues[100]) * 1.0001)
-    exact = dense(matrices)
-    nearest = np.sort(exact[np.argsort(np.abs(exact - by_count.eigenvalues[100] * 1.0001))[:40]])
-    np.testing.assert_allclose(around.eigenvalues, nearest, rtol=1e-9)

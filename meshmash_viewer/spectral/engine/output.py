@@ -77,7 +77,7 @@ class Output:
             rows = request.allocate(k, pencil.n_all, n_kept)
         else:
             rows = np.empty((k, pencil.n_all), dtype=request.precision)
-            if request.known is not None:
+            if n_kept and request.known is not None:
                 rows[:n_kept] = request.known.rows[:n_kept]
         if rows.shape != (k, pencil.n_all):
             raise ValueError(f"{rows.shape} was allocated for {(k, pencil.n_all)}")
