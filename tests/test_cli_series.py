@@ -153,25 +153,6 @@ def test_a_turn_shows_the_mesh_from_all_around(
     assert count_frames_and_secs(str(tmp_path / "turn.mp4")) == (8, pytest.approx(1.0))
 
 
-@pytest.mark.slow
-def test_an_interrupted_movie_leaves_nothing(
-    capsys: pytest.CaptureFixture[str],
-    ball: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    from meshmash_viewer.cli import pictures
-
-    def interrupt(_bar: object, done: int, *_: object) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(pictures, "_show", interrupt)
-    options = ("--count", 9, "--size", "160x120", "--sweep", ":")
-    assert run(capsys, "movie", ball, *options, "-o", tmp_path / "film.gif")[0] == 130
-    assert list(tmp_path.iterdir()) == [ball]
-
-
 @pytest.mark.parametrize(
     ("arguments", "clause"),
     [

@@ -73,30 +73,6 @@ def test_swapped_and_flipped_eigenfunctions_are_told(blob: Mesh) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_symmetry_hides_is_not_told() -> None:
-    ball = shapes.icosphere(3)
-    long = Mesh(ball.vertices * [1.0, 1.7, 0.6], ball.faces)  # three mirror planes
-    first = pairs_of(long, 12)
-    found = compare_shapes(first, first)
-    even = [  # functions symmetric under all three mirrors
-        index
-        for index, row in enumerate(first.rows[:12])
-        if all(_is_even(long, row, axis) for axis in range(3))
-    ]
-    assert 0 < len(even) < 12
-    assert set(even) <= set(np.flatnonzero(found.functions.determined))
-    other = match_functions(first, first, np.random.default_rng(0).permutation(long.n_vertices))
-    assert other.determined.sum() <= 1, "but for the constant"
-
-
-def _is_even(mesh: Mesh, row: np.ndarray, axis: int) -> bool:
-    mirrored = mesh.vertices.copy()
-    mirrored[:, axis] *= -1.0
-    gaps = np.linalg.norm(mirrored[:, None] - mesh.vertices[None], axis=2)
-    return bool(np.allclose(row[gaps.argmin(axis=1)], row, atol=1e-3 * np.abs(row).max()))
-
-
-@pytest.mark.slow
 def test_the_distance_of_rectangles_is_the_closed_form() -> None:
     first, second = shapes.rectangle(80, 60, 2.0, 1.5), shapes.rectangle(80, 60, 2.4, 1.25)
     found = compare_shapes(pairs_of(first, 12), pairs_of(second, 12), warn=False)
