@@ -442,7 +442,8 @@ class _Computation:
             return self._estimated(found)
 
         target = sufficient_target(time, *self.surface)
-        if self._is_matrices:
+        # pieces with limits of their own would differ at the seams
+        if self._is_matrices or isinstance(self.mesh, Piece):
             return solve(target), ""
         return resolved_pairs(target, *self.surface, solve)
 
