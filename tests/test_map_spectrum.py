@@ -12,7 +12,7 @@ import shapes
 from faults import raises
 
 import meshmash_viewer as mv
-from meshmash_viewer.features.map_spectrum import band_edges
+from meshmash_viewer.features.map_spectrum import MapSpectrum, band_edges
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
@@ -102,6 +102,12 @@ def test_the_dominant_band_is_that_of_the_stronger_wave(every_pair) -> None:
     np.testing.assert_array_equal(going_on, bands)
     with pytest.raises(Cancelled):
         mv.dominant_bands(found, every_pair.rows, cancel=lambda: True)
+
+
+def test_zeros_alone_have_no_bands(mesh) -> None:
+    zeros = MapSpectrum(np.zeros(2), np.ones(2), 2.0)
+    assert len(band_edges(zeros.eigenvalues)) == 0
+    assert (mv.dominant_bands(zeros, np.ones((2, 5))) == -1).all()
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
