@@ -1,10 +1,9 @@
 """Parsing of numbers with a unit.
 
 The same notation is accepted in every field of the window and every option of the command line: a
-decimal point or comma, spaces between groups of three digits, a power of ten ("1e-5", "1×10⁻⁵") and
-a power of a unit of length, which is converted ("0.5 µm", "3/µm²"). Commas between groups are read
-where they cannot be decimal commas: in a whole number, if there are several, and before a decimal
-point. "1,000" is refused elsewhere, and so is "1.000" for a whole number.
+decimal point or comma, thin spaces between groups of digits, a power of ten ("1e-5", "1×10⁻⁵") and
+a power of a unit of length, which is converted ("0.5 µm", "3 µm⁻²"). A comma before three digits
+is refused, because it may separate groups: "1,000"; so is a point in a whole number.
 """
 
 from __future__ import annotations
@@ -28,28 +27,27 @@ from meshmash_viewer.units import (
 )
 
 _T = TypeVar("_T")
-#: Remedies, and sizes of voxels for messages.
-_ALONE, _EITHER_FORM = "write the number alone", "write it like one of these"
+#: Remedy, and sizes of voxels for messages.
+_ALONE = "write the number alone"
 _VOXELS = '"8 nm" or "4 x 4 x 40 nm"'
-#: Maximum length of a text quoted in a message, and of a number.
-_SHOWN, _LONGEST = 40, 100
-#: Largest exponent; larger exponents are out of the range of floats.
-_LARGEST_POWER = 1000
+#: Maximum length of a text quoted in a message.
+_SHOWN = 40
 _SUPERSCRIPTS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
 #: Characters that are read as others, after normalisation (NFKC).
 _READ_AS = str.maketrans({"\u2212": "-", "\u2013": "-", "μ": "µ", "×": "x"})
+#: Thin spaces between groups.
+_THIN = re.compile("(?<=[0-9])[\u2009\u202f](?=[0-9]{3}(?![0-9]))")
 #: Number and unit, with single spaces.
 _NUMBER = re.compile(
-    r"≈? ?(?P<sign>[+-]?)(?:10\^(?P<alone>[+-]?[0-9]+)|(?P<digits>[0-9.,](?:[0-9.,]| (?=[0-9]))*)"
-    r"(?:[eE](?P<exponent>[+-]?[0-9]+)| ?x ?10\^(?P<times>[+-]?[0-9]+))?) ?(?P<unit>.*)"
+    r"(?:≈ )?(?P<digits>[+-]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+))"
+    r"(?P<scale>(?:[eE]|x10\^)[+-]?[0-9]{1,3})?(?! ?[0-9.,]) ?(?P<unit>.*)"
 )
-#: Digits with one mark that may separate groups or decimals.
-_EITHER = re.compile(r"[1-9][0-9]{0,2}[.,][0-9]{3}")
-_COMMAS = re.compile(r"[1-9][0-9]{0,2}(,[0-9]{3})+(\.[0-9]*)?")
-_SPACES = re.compile(r"[1-9][0-9]{0,2}( [0-9]{3})+([.,][0-9]*)?")
-_UNIT = re.compile(r"(?P<per>/ ?)?(?P<name>[^\W\d_]+) ?\^?(?P<power>[+-]?[0-9]+)?")
-#: Separators of several numbers, in the order in which they are tried.
-_SEPARATORS = (" ?[x;] ?", " ?, ?", " ")
+#: Digits with a comma that may separate groups or decimals.
+_EITHER = re.compile("[+-]?[1-9][0-9]{0,2},[0-9]{3}")
+_GROUPS = re.compile("[1-9][0-9]{0,2}(,[0-9]{3})+")
+_UNIT = re.compile(r"(?P<name>[^\W\d_]+) ?\^?(?P<power>[+-]?[0-9]+)?")
+#: Separators of several numbers; "x10^-5" is part of a number.
+_SEPARATOR = re.compile(r" ?(?:x(?!10\^)|;) ?|, | (?=[-+.0-9])")
 
 
 @dataclass(frozen=True)
@@ -76,24 +74,21 @@ class Quantity:
         return _float(self.value.scaleb(shift), self.text)
 
 
-class AmbiguousError(InputError):
-    """A text that may be two different numbers."""
-
-
 def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool = False) -> float:
     """Read a number in a unit.
 
     `unit` is the unit of the result: a power of a length as written by `units.power_unit` ("nm",
     "nm²", "nm⁻²"), to which other lengths are converted, or any text, such as "mV", that may follow
-    the number; empty if unknown. With `share` the number may be in percent: "0.1 %" is 0.001. With
-    `whole` a comma before three digits separates groups. `InputError` is raised if the text is not
-    a number, is ambiguous, out of the range of floats, or in another unit.
+    the number; empty if unknown. With `share` the number may be in percent: "0.1 %" is 0.001.
+    With `whole`, commas between groups are read, as the program writes them, and a point before
+    three digits is refused. `InputError` is raised if the text is not a number, is ambiguous, out
+    of the range of floats, or in another unit.
 
     Examples
     --------
     >>> parse_number("0.5 µm", "nm")
     500.0
-    >>> parse_number("1 234,5")
+    >>> parse_number("1234,5")
     1234.5
     """
     value, written = _split(text, whole=whole)
@@ -120,16 +115,13 @@ def parse_quantity(text: str, power: int = 1) -> Quantity:
     >>> parse_quantity("20 um^2", 2).in_unit("nm")
     20000000.0
     """
-    value, written = _split(text)
-    if written:
-        return _quantity(value, written, power, text)
-    return Quantity(value, "", power, text.strip())
+    return _quantity(*_split(text), power, text)
 
 
 def parse_whole(text: str, least: int, most: int, noun: str) -> int:
     """Read a whole number from `least` to `most`.
 
-    `InputError` is raised if the text is not a whole number, out of bounds, or ambiguous. Its
+    `InputError` is raised if the text is not a whole number, ambiguous, or out of bounds; its
     message begins with `noun`: "The number of times".
 
     Examples
@@ -139,13 +131,11 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
     """
     allowed = f"{noun} is a whole number from {least:,} to {most:,}"
     try:
-        value, written = _split(text, whole=True)
-    except AmbiguousError as fault:
-        raise InputError(fault.code, f"{allowed}: {fault.fault}", fault.remedy) from None
+        value = parse_number(text, whole=True)
     except InputError:
         given = _shown(text) if text.strip() else "empty"
         raise InputError("not-a-number", f"{allowed}, not {given}") from None
-    if written or value != value.to_integral_value() or not least <= value <= most:
+    if not (value.is_integer() and least <= value <= most):
         raise InputError("out-of-range", f"{allowed}, not {_shown(text)}")
     return int(value)
 
@@ -153,7 +143,7 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
 def parse_several(
     text: str, count: int, parse: Callable[[str], _T], example: str
 ) -> tuple[_T, ...]:
-    """Read `count` values with one separator, each by `parse`.
+    """Read `count` values, separated by spaces, "×", ";" or a comma and a space, each by `parse`.
 
     A unit after the last value is the unit of all values without one. `InputError` is raised if the
     text is not `count` values, with an `example`, or a value is ambiguous.
@@ -165,20 +155,12 @@ def parse_several(
     >>> [each.in_unit("nm") for each in parse_several("1 x 2 µm", 2, parse_quantity, "1 x 2")]
     [1000.0, 2000.0]
     """
-    what, remedy = f"{_shown(text)} is not {count} numbers", f"write them like {example}"
-    fault = InputError("not-a-number", what, remedy)
     numbers, unit = re.fullmatch(r"(.*?) ?([^\W\dx_]*)", _plain(text)).groups()  # type: ignore[union-attr]
-    for separator in _SEPARATORS:
-        parts = re.split(separator, numbers)
-        if len(parts) == count:
-            try:
-                return tuple(
-                    parse(f"{part} {unit}".strip() if part[-1:].isdigit() else part)
-                    for part in parts
-                )
-            except InputError as refused:
-                fault = refused
-    raise fault
+    parts = _SEPARATOR.split(numbers)
+    if len(parts) != count:
+        what, remedy = f"{_shown(text)} is not {count} numbers", f"write them like {example}"
+        raise InputError("not-a-number", what, remedy)
+    return tuple(parse(f"{part} {unit}" if not part[-1:].isalpha() else part) for part in parts)
 
 
 def parse_voxel(text: str) -> tuple[Voxel, str]:
@@ -189,26 +171,13 @@ def parse_voxel(text: str) -> tuple[Voxel, str]:
     >>> parse_voxel("4x4x40"), parse_voxel("8 nm")
     (((4.0, 4.0, 40.0), ''), ((8.0, 8.0, 8.0), 'nm'))
     """
-    ways: tuple[Callable[[], tuple[Quantity, ...]], ...] = (
-        lambda: (parse_quantity(text),) * 3,
-        lambda: parse_several(text, 3, parse_quantity, _VOXELS),
-    )
-    readings = list[tuple[Quantity, ...]]()
-    for parse in ways:
-        try:
-            readings.append(parse())
-        except InputError as refused:
-            fault = refused
-            if isinstance(refused, AmbiguousError):
-                break
-    if not readings:
-        raise fault
-    if len(readings) == 2:
-        (one, *_), three = ([f"{size.value:f}" for size in each] for each in readings)
-        unit = readings[0][0].unit
-        what = f"{_shown(text)} may be a voxel of {' × '.join(three)} {unit} or of {one} {unit}"
-        raise AmbiguousError("ambiguous-number", what, _EITHER_FORM)
-    sizes = readings[0]
+    sizes: tuple[Quantity, ...]
+    try:
+        sizes = (parse_quantity(text),) * 3
+    except InputError as fault:
+        if fault.code == "ambiguous-number":
+            raise
+        sizes = parse_several(text, 3, parse_quantity, _VOXELS)
     name = sizes[-1].unit
     factor, unit = MESH_UNITS[name]
     x, y, z = (factor * size.in_unit(name) for size in sizes)
@@ -237,9 +206,9 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
         return (factor, factor, factor), unit
     try:
         voxel, unit = parse_voxel(str(text))
-    except AmbiguousError:
-        raise
-    except InputError:
+    except InputError as fault:
+        if fault.code == "ambiguous-number":
+            raise
         unit = ""
     if not unit:
         what = f"{text!r} is not a length unit"
@@ -250,30 +219,22 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
 def _split(text: str, *, whole: bool = False) -> tuple[Decimal, str]:
     """Split a text into the number at its beginning, and the rest."""
     plain = _plain(text)
-    match = _NUMBER.fullmatch(plain) if len(plain) <= _LONGEST else None
+    if whole:
+        plain = plain.replace(",", "") if _GROUPS.fullmatch(plain) else plain.replace(".", ",")
+    match = _NUMBER.fullmatch(plain)
     if match is None:
         raise _no_number(text)
-    sign, digits = match["sign"], match["digits"] or "1"
-    power = int(match["alone"] or match["exponent"] or match["times"] or 0)
-    scale = f"e{power}" if power else ""
-    if _EITHER.fullmatch(digits) and ("." if whole else ",") in digits:
-        thousands, decimal = re.sub("[.,]", "", digits), float(digits.replace(",", "."))
-        what = f"{_shown(text)} may be {sign}{thousands}{scale} or {sign}{decimal}{scale}"
-        raise AmbiguousError("ambiguous-number", what, _EITHER_FORM)
-    several = whole or "." in digits or digits.count(",") > 1
-    if several and _COMMAS.fullmatch(digits):
-        digits = digits.replace(",", "")
-    elif _SPACES.fullmatch(digits):
-        digits = digits.replace(" ", "")
-    if not re.fullmatch("[0-9]+[.,]?[0-9]*|[.,][0-9]+", digits):
-        raise _no_number(text)
-    if abs(power) > _LARGEST_POWER:
-        raise _no_size(text)
-    return Decimal(f"{sign}{digits.replace(',', '.')}{scale}"), match["unit"]
+    digits, scale = match["digits"], (match["scale"] or "").replace("x10^", "e")
+    if _EITHER.fullmatch(digits):
+        thousands, decimal = digits.replace(",", ""), float(digits.replace(",", "."))
+        what = f"{_shown(text)} may be {thousands}{scale} or {decimal}{scale}"
+        raise InputError("ambiguous-number", what, "write it like one of these")
+    return Decimal(digits.replace(",", ".") + scale), match["unit"]
 
 
 def _plain(text: str) -> str:
-    """Normalise a text: single spaces, superscripts after "^"."""
+    """Normalise a text: single spaces, none between groups, superscripts after "^"."""
+    text = _THIN.sub("", text)
     text = re.sub("[⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{found[0].translate(_SUPERSCRIPTS)}", text)
     return " ".join(unicodedata.normalize("NFKC", text).translate(_READ_AS).split())
 
@@ -283,24 +244,19 @@ def _length_power(unit: str) -> tuple[str, int] | None:
     match = _UNIT.fullmatch(unit)
     if match is None or match["name"] not in METRES:
         return None
-    power = int(match["power"] or 1)
-    return match["name"], -power if match["per"] else power
+    return match["name"], int(match["power"] or 1)
 
 
 def _quantity(value: Decimal, written: str, power: int, text: str) -> Quantity:
-    found = _length_power(written)
+    found = _length_power(written) if written else ("", power)
     if found is None:
         raise _no_unit(text, written)
     name, own = found
     if own != power:
         right = power_unit(name.replace("um", "µm"), power)
         remedy = f"write it in {right}" if power else _ALONE
-        what = f"{_shown(text)} is {_KINDS.get(own, 'in another unit')}"
-        raise InputError("wrong-unit", what, remedy)
+        raise InputError("wrong-unit", f"{_shown(text)} is in another unit", remedy)
     return Quantity(value, name, power, text.strip())
-
-
-_KINDS = {1: "a length", 2: "an area", -1: "an inverse length", -2: "an inverse area"}
 
 
 def _float(value: Decimal, text: str) -> float:

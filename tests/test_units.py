@@ -5,8 +5,7 @@ import math
 import pytest
 from faults import raises
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.quantities import parse_number, parse_unit
+from meshmash_viewer.quantities import parse_unit
 from meshmash_viewer.units import (
     LENGTH_UNITS,
     NO_BREAK,
@@ -21,7 +20,6 @@ from meshmash_viewer.units import (
     grouped,
     plain_text,
     power_text,
-    power_unit,
     whole_number,
     written_unit,
 )
@@ -30,21 +28,14 @@ from meshmash_viewer.units import (
 @pytest.mark.parametrize(
     ("text", "voxel", "unit", "written"),
     [
-        ("nm", NO_VOXEL, "nm", "nm"),
         (" none ", NO_VOXEL, "", "none"),
         ("", NO_VOXEL, "", "none"),
-        ("um", NO_VOXEL, "µm", "µm"),
         ("microns", NO_VOXEL, "µm", "µm"),
         ("cm", (10.0, 10.0, 10.0), "mm", "10 mm"),
         ("2 Å", (0.2, 0.2, 0.2), "nm", "0.2 nm"),
-        ("8 nm", (8.0, 8.0, 8.0), "nm", "8 nm"),
-        ("1e-3mm", (1e-3, 1e-3, 1e-3), "mm", "0.001 mm"),
+        ("8,5 x 8.5 x 8,5 nm", (8.5, 8.5, 8.5), "nm", "8.5 nm"),
         ("1 nm", NO_VOXEL, "nm", "nm"),
-        ("4 x 4 x 40 nm", (4.0, 4.0, 40.0), "nm", "4 × 4 × 40 nm"),
-        ("4×4×40 nm", (4.0, 4.0, 40.0), "nm", "4 × 4 × 40 nm"),
-        ("4,4,40nm", (4.0, 4.0, 40.0), "nm", "4 × 4 × 40 nm"),
-        (".5 x 1e1 x 3.25 μm", (0.5, 10.0, 3.25), "µm", "0.5 × 10 × 3.25 µm"),
-        ("8 x 8 x 8 nm", (8.0, 8.0, 8.0), "nm", "8 nm"),
+        ("4nm 4nm 40nm", (4.0, 4.0, 40.0), "nm", "4 × 4 × 40 nm"),
     ],
 )
 def test_a_unit_is_read_and_written(text: str, voxel: Voxel, unit: str, written: str) -> None:
@@ -54,51 +45,15 @@ def test_a_unit_is_read_and_written(text: str, voxel: Voxel, unit: str, written:
 
 
 @pytest.mark.parametrize(
-    ("text", "sizes"),
-    [
-        ("8,5 nm", (8.5, 8.5, 8.5)),
-        ("8,5 x 8,5 x 40 nm", (8.5, 8.5, 40.0)),
-        ("4, 4, 40 nm", (4.0, 4.0, 40.0)),
-        ("1 234 nm", (1234.0, 1234.0, 1234.0)),
-        ("4 4 40 nm", (4.0, 4.0, 40.0)),
-        ("4x4x40nm", (4.0, 4.0, 40.0)),
-        ("4 nm x 4 nm x 40 nm", (4.0, 4.0, 40.0)),
-    ],
-)
-def test_a_voxel_is_read_as_numbers_elsewhere(text: str, sizes: Voxel) -> None:
-    assert parse_unit(text) == (sizes, "nm")
-
-
-@pytest.mark.parametrize(
-    ("text", "readings"),
-    [
-        ("8,500 nm", ("8500", "8.5")),
-        ("1,234,567 nm", ("1 × 234 × 567 nm", "1234567 nm")),
-        ("100 100 100 nm", ("100 × 100 × 100 nm", "100100100 nm")),
-    ],
-)
-def test_an_ambiguous_voxel_is_refused_with_its_readings(
-    text: str, readings: tuple[str, ...]
-) -> None:
-    with pytest.raises(InputError) as fault:
-        parse_unit(text)
-    assert all(reading in str(fault.value) for reading in readings)
-
-
-@pytest.mark.parametrize(
     "text",
     [
-        "furlong", "8", "8 none", "0 nm", "-8 nm", "1e999 nm", "8 8 nm", "4 x 40 nm", "4,4,40",
-        "4 x 4 x 0 nm", "4 x 4 x 4 x 4 nm", "4 x 4 x nm", "x nm", "4..2 nm", "4 nm x 4 nm", "8 nm!",
-        (4, 4, 40),
+        "furlong", "8", "0 nm", "-8 nm", "1e999 nm", "8 8 nm", "4 x 4 x 0 nm", "4 x 4 x nm",
+        "8 nm!", "4,4,40 nm", (4, 4, 40),
     ],
 )  # fmt: skip
 def test_what_is_no_unit_is_refused_with_what_is(text: object) -> None:
-    with pytest.raises(InputError) as fault:
+    with raises("wrong-unit", repr(text), *LENGTH_UNITS, "4 x 4 x 40 nm"):
         parse_unit(text)
-    assert repr(text) in str(fault.value)
-    assert all(unit in str(fault.value) for unit in LENGTH_UNITS)
-    assert "4 x 4 x 40 nm" in str(fault.value)
 
 
 @pytest.mark.parametrize(
@@ -154,9 +109,6 @@ def test_a_quantity_is_written_in_a_unit_of_its_size(
 ) -> None:
     written = format_quantity(value, unit, power)
     assert written == text.replace(" ", NO_BREAK), "no line is broken before a unit"
-    if math.isfinite(value):
-        known = power_unit(unit, power)
-        assert parse_number(written, known) == pytest.approx(value, rel=1e-2), "it can be typed"
     assert plain_text(written) == text.replace("−", "-")
 
 

@@ -413,10 +413,10 @@ def test_colour_maps_suit_the_field_and_limits_follow_the_policy(panel: FieldPan
         give(part(panel, "percentile_high_spin"), text)
         assert sentence in part(panel, "limits_fault").text()
         assert document.display.limits == PercentileLimits(1.0, 90.0)
-    give(part(panel, "limit_high_field"), "5e-5/nm")
+    give(part(panel, "limit_high_field"), "5e-5 nm^-1")
     assert document.display.limits == LockedLimits(part(panel, "limit_low_field").value, 5e-5)
     assert policies.currentData() == "locked"
-    give(part(panel, "limit_high_field"), "-1/nm")
+    give(part(panel, "limit_high_field"), "-1 nm^-1")
     assert "below" in part(panel, "limits_fault").text()
     assert document.display.limits.high == 5e-5
     document.display.kind = "hks"

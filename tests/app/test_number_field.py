@@ -25,7 +25,7 @@ def test_the_number_is_in_view_at_the_right(qapp, field: NumberField) -> None:
     assert field.width() - edit.geometry().right() < 12, "no room is left for arrows"
 
 
-@pytest.mark.parametrize("text", ["3.1e5", "3,1E5", "310 000 nm²", "0,31um^2"])
+@pytest.mark.parametrize("text", ["3.1e5", "0,31um^2"])
 def test_any_notation_with_or_without_unit(field: NumberField, qtbot, text: str) -> None:
     with qtbot.waitSignal(field.edited) as heard:
         give(field, text)
@@ -49,7 +49,7 @@ def test_a_refusal_is_withdrawn_when_other_numbers_are_shown(field: NumberField)
     [
         ("-1", "Shortest time: between about 0 and 1000\N{NO-BREAK SPACE}mm² on this mesh."),
         ("nan", "nan is not a number"),
-        ("20 µm", "20 µm is a length: write it in µm²."),
+        ("20 µm", "20 µm is in another unit: write it in µm²."),
     ],
 )
 def test_what_is_refused_is_said_and_forgotten(field: NumberField, text: str, says: str) -> None:

@@ -44,19 +44,7 @@ def test_what_is_no_index_is_refused_with_the_range(qtbot: QtBot, window: MainWi
     last = window.document.mesh.n_vertices - 1
     ask(qtbot, window)
     edit, fault = part(window, "pin_index_edit"), part(window, "pin_fault_label")
-    texts = (
-        "99999",
-        f"{last + 1}",
-        "-1",
-        "12.5",
-        "1,5",
-        "",
-        "vertex",
-        "1.234",
-        "5 nm",
-        "1/2",
-        "nan",
-    )
+    texts = f"{last + 1}", "1.5", "", "vertex", "1,234,567"
     for text in texts:
         edit.selectAll()
         QTest.keyClicks(edit, text) if text else QTest.keyClick(edit, Qt.Key.Key_Delete)
@@ -65,6 +53,7 @@ def test_what_is_no_index_is_refused_with_the_range(qtbot: QtBot, window: MainWi
         assert pinned(window) == [], text
         assert edit.hasFocus()
         assert edit.selectedText() == text
+    assert fault.text().endswith("A position is written x, y, z.")
     QTest.keyClicks(edit, "3")
     assert fault.text() == ""
     QTest.keyClick(edit, Qt.Key.Key_Escape)
@@ -159,13 +148,3 @@ def test_positions_in_voxels_and_far_away() -> None:
     assert remark.endswith("from that position.")
     with raises("far-from-mesh", "which lies between"):
         nearest_vertex(voxels, 1e9, 0.0, 0.0)
-
-
-@pytest.mark.slow
-def test_a_number_with_separators_is_an_index(qtbot: QtBot, window: MainWindow) -> None:
-    ask(qtbot, window)
-    edit, fault = part(window, "pin_index_edit"), part(window, "pin_fault_label")
-    QTest.keyClicks(edit, "1,234,567")
-    QTest.keyClick(edit, Qt.Key.Key_Return)
-    assert fault.text().startswith("The index is a whole number from 0")
-    assert fault.text().endswith("A position is written x, y, z.")

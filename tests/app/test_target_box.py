@@ -59,7 +59,7 @@ def test_what_is_typed_is_left_as_it_is(box: TargetBox) -> None:
         assert field.lineEdit().text() == text
 
 
-@pytest.mark.parametrize("text", ["99999", "1e99", "643"])
+@pytest.mark.parametrize("text", ["1e99", "643"])
 def test_there_are_no_more_eigenpairs_than_vertices(box: TargetBox, text: str) -> None:
     enter(type_in(box, "target_count_spin", "50"))
     field = type_in(box, "target_count_spin", text)
@@ -80,7 +80,7 @@ def test_there_are_no_more_eigenpairs_than_vertices(box: TargetBox, text: str) -
         ("target_time_spin", "Times"),
     ],
 )
-@pytest.mark.parametrize("text", ["1e99", "1e-250", "1e300", "0"])
+@pytest.mark.parametrize("text", ["1e-250", "1e300"])
 def test_what_no_mesh_has_goes_back_to_what_was(
     box: TargetBox, name: str, what: str, text: str
 ) -> None:
@@ -93,7 +93,7 @@ def test_what_no_mesh_has_goes_back_to_what_was(
     assert reason(box).startswith(f"{what} of this mesh lie between")
 
 
-@pytest.mark.parametrize("text", ["18,800", "18 um", "1.5.", "1.5x", "1,5 nm"])
+@pytest.mark.parametrize("text", ["18,800", "1.5x"])
 def test_what_is_refused_leaves_the_target_as_it_was(box: TargetBox, text: str) -> None:
     enter(type_in(box, "target_count_spin", "50"))
     field = type_in(box, "target_wavelength_spin", text)
