@@ -32,7 +32,8 @@ def opened(qtbot: QtBot, window: MainWindow, path: Path) -> QDialog:
     """Open the dialog; enter a small size and the path."""
     QTest.keyClick(window, Qt.Key.Key_M, KEYS)
     dialog = window.findChild(QDialog, "movie_dialog")
-    qtbot.waitUntil(dialog.isVisible, timeout=PATIENCE)
+    dialog.activateWindow()
+    qtbot.waitUntil(dialog.isActiveWindow, timeout=PATIENCE)
     type_in(dialog, movie_width_spin="160", movie_height_spin="120")
     edit = part(dialog, "file_edit")
     edit.selectAll()
@@ -43,6 +44,7 @@ def opened(qtbot: QtBot, window: MainWindow, path: Path) -> QDialog:
 def type_in(dialog: QDialog, **texts: str) -> None:
     for name, text in texts.items():
         spin = part(dialog, name)
+        spin.setFocus()
         spin.selectAll()
         QTest.keyClicks(spin, text)
         QTest.keyClick(spin, Qt.Key.Key_Tab)

@@ -17,11 +17,11 @@ NAME = "The number of times"
 class Form(QWidget):
     """A form with a spin box, which stores the last refusal."""
 
-    def __init__(self, tracking: bool) -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.said = ""
         self.whole = WholeField(
-            minimum=1, maximum=2929, value=7, suffix=" of 2929", keyboardTracking=tracking,
+            minimum=1, maximum=2929, value=7, suffix=" of 2929",
             accessibleName=NAME,
         )  # fmt: skip
         self.other, self.button = QLineEdit(), QPushButton()
@@ -33,9 +33,9 @@ class Form(QWidget):
         self.said = sentence
 
 
-@pytest.fixture(params=[False, True])
-def form(request: pytest.FixtureRequest, qtbot: QtBot) -> Form:
-    form = Form(request.param)
+@pytest.fixture
+def form(qtbot: QtBot) -> Form:
+    form = Form()
     qtbot.addWidget(form)
     form.show()
     form.activateWindow()
@@ -43,7 +43,7 @@ def form(request: pytest.FixtureRequest, qtbot: QtBot) -> Form:
     return form
 
 
-@pytest.mark.parametrize("text", ["99999", "0", "12.5", "1.234", "abc", "5 nm"])
+@pytest.mark.parametrize("text", ["99999", "1.234", "5 nm"])
 @pytest.mark.parametrize("by_return", [True, False])
 def test_what_is_refused_is_said_with_the_range(form: Form, text: str, by_return: bool) -> None:
     field = form.whole
@@ -70,7 +70,6 @@ def test_what_is_refused_is_said_with_the_range(form: Form, text: str, by_return
     [
         ("2929", 2929),
         ("1,234", 1234),
-        ("1 234", 1234),
         ("12 of 2929", 12),
         ("1e3", 1000),
         ("50.0", 50),

@@ -219,7 +219,7 @@ def spin(
     name: str, spoken: str, act: Act | None = None, *, tip: str = "", **given: Any
 ) -> WholeField:
     """Make a field for a whole number that calls `act` with the number after typing."""
-    made = theme.named(WholeField(**{"keyboardTracking": False, **given}), name, spoken, tip=tip)
+    made = theme.named(WholeField(**given), name, spoken, tip=tip)
     if act is not None:
         made.valueChanged.connect(act)
     return made

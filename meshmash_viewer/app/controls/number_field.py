@@ -15,12 +15,19 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.quantities import parse_number, parse_quantity, parse_whole
 from meshmash_viewer.units import NO_BREAK, engineering, format_number, format_range, plain_number
 
+#: Property of a field that has rejected its text in the event being handled.
+_REFUSED = "refused"
+
 
 def has_refused(within: QWidget) -> bool:
     """Return whether the event being handled made a field within a widget reject its text."""
-    fields: list[WholeField | NumberField]
-    fields = [*within.findChildren(WholeField), *within.findChildren(NumberField)]
-    return any(each.just_refused for each in fields)
+    return any(each.property(_REFUSED) for each in within.findChildren(QAbstractSpinBox))
+
+
+def _refuse(field: QAbstractSpinBox) -> None:
+    """Record that the event being handled, such as a click, made a field reject its text."""
+    field.setProperty(_REFUSED, True)
+    QTimer.singleShot(0, field, lambda: field.setProperty(_REFUSED, None))
 
 
 class WholeField(QSpinBox):
@@ -33,80 +40,19 @@ class WholeField(QSpinBox):
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        #: Whether the event being handled, such as a click, made the field reject its text.
-        self.just_refused, self._fault = False, ""
-        #: The value before typing began; None while nothing is typed.
-        self._before: int | None = None
-        self.lineEdit().textEdited.connect(self._note_before)
+        self.setKeyboardTracking(False)
+        self._fault = ""
+        self.lineEdit().textEdited.connect(self._withdraw)
 
     def validate(self, text: str, at: int) -> tuple[QValidator.State, str, int]:
         """Accept any text while typing; text that is not a number within bounds is intermediate."""
         try:
-            self._parse(text)
+            self.valueFromText(text)
         except InputError:
             return QValidator.State.Intermediate, text, at
         return QValidator.State.Acceptable, text, at
 
     def valueFromText(self, text: str) -> int:
-        return self._parse(text)
-
-    def fixup(self, text: str) -> str:
-        """Return the text of the old value, and report the fault, if the finished text is invalid.
-
-        Qt calls this when typing is finished and the text is not acceptable.
-        """
-        try:
-            self._parse(text)
-        except InputError as fault:
-            self.just_refused, self._fault = True, str(fault)
-            QTimer.singleShot(0, self, self._report)  # after the old value has been restored
-            before = self.value() if self._before is None else self._before
-            return f"{self.prefix()}{self.textFromValue(before)}{self.suffix()}"
-        return text
-
-    def focusInEvent(self, event: QFocusEvent) -> None:
-        self._before = None
-        super().focusInEvent(event)
-
-    def stepBy(self, steps: int) -> None:
-        """Step from the typed number, or from the old value if the text is invalid."""
-        super().stepBy(steps)
-        self._before = None
-        self._withdraw_report()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Keep the focus and select the text if Return was pressed and the text was invalid."""
-        super().keyPressEvent(event)
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self._before = None
-            if self.just_refused:
-                event.accept()
-                self.selectAll()
-
-    def _note_before(self) -> None:
-        if self._before is None:
-            self._before = self.value()  # Qt changes the value after this signal
-        self._withdraw_report()
-
-    def commit(self) -> bool:
-        """Parse the text. Return False, show the reason and restore the old value if invalid."""
-        self.interpretText()
-        return not self.just_refused
-
-    def _report(self) -> None:
-        self.just_refused = False
-        parent = self.parentWidget()
-        while parent is not None and not hasattr(parent, "say_refusal"):
-            parent = parent.parentWidget()
-        if parent is not None:
-            parent.say_refusal(self._fault)
-
-    def _withdraw_report(self) -> None:
-        if self._fault and not self.just_refused:
-            self._fault = ""
-            self._report()
-
-    def _parse(self, text: str) -> int:
         """Return the number in a text; raise `InputError` if it is invalid or out of bounds.
 
         The suffix occurs twice if the user typed it, too.
@@ -116,6 +62,49 @@ class WholeField(QSpinBox):
             text = text.removesuffix(suffix).rstrip()
         name = self.accessibleName() or "The number"
         return parse_whole(text, self.minimum(), self.maximum(), name)
+
+    def fixup(self, text: str) -> str:
+        """Return the text of the value, and report the fault, if the finished text is invalid.
+
+        Qt calls this when typing is finished and the text is not acceptable.
+        """
+        try:
+            self.valueFromText(text)
+        except InputError as fault:
+            self._fault = str(fault)
+            _refuse(self)
+            QTimer.singleShot(0, self, self._report)  # after the value has been restored
+            return f"{self.prefix()}{self.textFromValue(self.value())}{self.suffix()}"
+        return text
+
+    def stepBy(self, steps: int) -> None:
+        """Step from the typed number, or from the value if the text is invalid."""
+        super().stepBy(steps)
+        self._withdraw()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Keep the focus and select the text if Return was pressed and the text was invalid."""
+        super().keyPressEvent(event)
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.property(_REFUSED):
+            event.accept()
+            self.selectAll()
+
+    def commit(self) -> bool:
+        """Parse the text. Return False, show the reason and restore the value if invalid."""
+        self.interpretText()
+        return not self.property(_REFUSED)
+
+    def _report(self) -> None:
+        parent = self.parentWidget()
+        while parent is not None and not hasattr(parent, "say_refusal"):
+            parent = parent.parentWidget()
+        if parent is not None:
+            parent.say_refusal(self._fault)
+
+    def _withdraw(self) -> None:
+        if self._fault and not self.property(_REFUSED):
+            self._fault = ""
+            self._report()
 
 
 #: Largest valid magnitude, and inverse of the smallest: squares of other numbers overflow.
@@ -163,13 +152,9 @@ class NumberField(QAbstractSpinBox):
         #: For fields in which a length can be typed instead of the number: a unit of length, and
         #: a function from a length in this unit to the number.
         self.from_length: tuple[str, Callable[[float], float]] | None = None
-        #: Whether the event being handled, such as a click, made the field reject its text.
-        self.just_refused = False
         theme.named(self, name, spoken, tip=tip)
         self._step, self._live, self._has_tip = step, live, bool(tip)
         self._whole, self._share = whole, share
-        #: Last arguments of `show_value`.
-        self._shown: tuple[object, ...] = ()
         self._prefix = self._suffix = self._unit = ""
         #: Unit of the written number, and the power of ten by which the value is multiplied.
         self._written, self._exponent = "", 0
@@ -219,11 +204,7 @@ class NumberField(QAbstractSpinBox):
         before the number, such as "≈ " before an estimate. With `like`, the unit is scaled so that
         the number `like` has few digits, as on the render.
         """
-        shown = value, unit, prefix, with_unit, like, digits
-        same = shown == self._shown and value == self._value and not self._refused_at
-        if same and not self.lineEdit().isModified():
-            return
-        self._shown, self._unit, self._prefix = shown, unit, prefix
+        self._unit, self._prefix = unit, prefix
         typing = self.is_typed
         if not typing:
             self._exponent, self._written = (0, unit) if like is None else engineering(like, unit)
@@ -360,8 +341,7 @@ class NumberField(QAbstractSpinBox):
             self.selectAll()  # the next key replaces the text
         self._refused_at = (self._value, self._unit, self.bounds) if problem else ()
         if problem:
-            self.just_refused = True
-            QTimer.singleShot(0, self, lambda: setattr(self, "just_refused", False))
+            _refuse(self)
         self.refused.emit(problem)
 
     def _emit(self, number: float) -> None:

@@ -112,11 +112,10 @@ class ExportDialog(SaveDialog):
         self.pairs_spin = make.spin(
             "export_pairs_spin", "Number of eigenpairs to use", self._refresh, minimum=1,
             maximum=max(most, 1), value=most, suffix=f" of {counted(most, 'eigenpair')}",
-            keyboardTracking=True,
         )  # fmt: skip
         self.count_spin = make.spin(
             "export_count_spin", "Number of columns", self._refresh, minimum=1,
-            maximum=MOST_COUNT, keyboardTracking=True,
+            maximum=MOST_COUNT,
         )  # fmt: skip
         self.maps_check = make.check(
             "", "export_maps_check", "Own maps as more columns", self._refresh
@@ -375,7 +374,7 @@ class PiecesDialog(SaveDialog):
         n = mesh.n_vertices - len(mesh.unreferenced)
         self.count_spin = make.spin(
             "pieces_count_spin", "Number of pieces", self._show_size, minimum=1,
-            maximum=max(n // LEAST, 1), value=usual_pieces(n), keyboardTracking=True,
+            maximum=max(n // LEAST, 1), value=usual_pieces(n),
         )  # fmt: skip
         self.size_label = make.label("pieces_size_label", wordWrap=True, role="muted")
         self._arrange(

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.field_events import FieldWheel
+from meshmash_viewer.app.controls.field_events import FieldWheel, settle_typing
 from meshmash_viewer.app.controls.make import Part, column, form, reserved_note, row
 from meshmash_viewer.app.controls.number_field import has_refused
 from meshmash_viewer.errors import InputError
@@ -100,6 +100,7 @@ class SaveDialog(QDialog):
 
     def _note_refusal(self) -> None:
         """Record whether pressing the button made a field reject its text."""
+        settle_typing()  # on macOS, a button that is clicked does not take the focus
         self._refused = has_refused(self)
 
     def _fault(self) -> str:

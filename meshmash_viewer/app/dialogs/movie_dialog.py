@@ -98,7 +98,7 @@ class MovieDialog(SeriesDialog, FormatDialog):
         # the step keeps sizes even, which MP4 requires; odd sizes can be typed
         return make.spin(
             name, f"{text} in pixels", minimum=16, maximum=_LARGEST, suffix=" px", value=value,
-            singleStep=2, keyboardTracking=True,
+            singleStep=2,
         )  # fmt: skip
 
     # -- parameters ---------------------------------------------------------------------------

@@ -131,7 +131,7 @@ class ColumnRange(QWidget):
         self.setLayout(row(self.first_spin, to, self.last_spin, every, self.step_spin, None))
 
     def _spin(self, name: str, spoken: str, least: int) -> WholeField:
-        return make.spin(name, spoken, self.changed, minimum=least, keyboardTracking=True)
+        return make.spin(name, spoken, self.changed, minimum=least)
 
     @property
     def columns(self) -> range:
