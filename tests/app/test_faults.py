@@ -358,11 +358,6 @@ def test_dialogs_are_gone_when_they_have_been_answered(
     ("entry", "value", "clause"),
     [
         ("display", {"sequential_colormap": "nonsense"}, "display.sequential_colormap"),
-        ("display", {"fields": {"hks": {"time": "abc"}}}, "display.fields.hks.time"),
-        ("display", {"fields": {"hks": {"scales": 10**9}}}, "display.fields.hks.scales"),
-        ("display", {"fields": {"band": {"count": 10**7}}}, "display.fields.band.count"),
-        ("display", {"policies": {"hks": {"policy": "LockedLimits"}}}, "display.policies.hks"),
-        ("repairs", [["x"]], "repairs"),
         ("camera", {"focus": [0, 0, 0]}, "camera"),
         ("mesh_path", "", "mesh_path"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -87,87 +88,51 @@ def test_an_end_that_is_not_said_is_in_order(part: dict[str, object]) -> None:
         assert taken["fields"]["hks"][name] == value
 
 
+def entries(content: dict[str, object], *within: str) -> Iterator[tuple[str, ...]]:
+    """Return the path of each entry, and of those within it."""
+    for name, value in content.items():
+        yield (*within, name)
+        if isinstance(value, dict):
+            yield from entries(value, *within, name)
+
+
+def changed(content: dict[str, object], path: tuple[str, ...], value: object) -> dict[str, object]:
+    first, *rest = path
+    inner = changed(content.get(first) or {}, tuple(rest), value) if rest else value
+    return content | {first: inner}
+
+
+def test_an_entry_of_another_type_is_named() -> None:
+    content = display_to_json(Display(cut=Cut()))
+    content = json.loads(json.dumps(content | {"policies": CONTENT["policies"]}))
+    found = list(entries(content))
+    assert len(found) > 50
+    for path in found:
+        for wrong in ([{"another": 1}], 10**400):
+            with raises("invalid-entry", ".".join(("display", *path))):
+                read_display(changed(content, path, wrong), PATH)
+
+
 @pytest.mark.parametrize(
-    ("entry", "value", "clause"),
+    ("path", "value", "clause"),
     [
         ("kind", "x", "display.kind (Invalid enum value 'x')"),
-        ("kind", ["hks"], "display.kind"),
-        ("nodal_lines", None, "display.nodal_lines"),
-        ("sequential_colormap", "nonsense", "display.sequential_colormap (Invalid enum"),
-        ("diverging_colormap", None, "display.diverging_colormap"),
-        ("log_scales", {"hks": "yes"}, "display.log_scales.hks"),
-        ("policies", {"hks": {"policy": "Nobody"}}, "display.policies.hks.policy"),
-        (
-            "policies",
-            {"hks": {"low": 1.0, "high": 2.0}},
-            "missing required field `policy`",
-        ),
-        (
-            "policies",
-            {"hks": {"policy": "LockedLimits"}},
-            "missing required field `low`",
-        ),
-        (
-            "policies",
-            {"hks": {"policy": "LockedLimits", "low": 2, "high": 1}},
-            "hks.low (2 is not below 1)",
-        ),
-        (
-            "policies",
-            {"hks": {"policy": "LockedLimits", "low": "a", "high": 1}},
-            "hks.low (Expected",
-        ),
-        (
-            "policies",
-            {"hks": {"policy": "PercentileLimits", "low": 1, "high": 101}},
-            ".high (",
-        ),
-        ("policies", {"hks": 3}, "display.policies.hks (Expected `object`, got `int`)"),
-        ("policies", 3, "display.policies (Expected `object`, got `int`)"),
-        ("cut", {"normal": [1.0, 0.0]}, "display.cut.normal (Expected `array` of length 3, got 2)"),
+        ("policies.hks", {"low": 1.0, "high": 2.0}, "missing required field `policy`"),
+        ("policies.hks", {"policy": "LockedLimits"}, "missing required field `low`"),
+        ("policies.hks.high", -3.0, "hks.low (-2 is not below -3)"),
+        ("policies.hks", {"policy": "PercentileLimits", "low": 1, "high": 101}, ".high ("),
+        ("cut.normal", [1.0, 0.0], "normal (Expected `array` of length 3, got 2)"),
+        ("fields.eigenfunction.index", -1, "index (Expected `int` >= 0)"),
+        ("fields.eigenfunction.flipped", [1, "x"], "flipped[1]"),
+        ("fields.hks.scales", 10**9, "scales (Expected `int` <= 1024)"),
+        ("fields.hks.time", float("inf"), "time (Expected `float` <= "),
+        ("fields.hks.t_min", 3e5, "t_min (300000 is not below 200000)"),
+        ("fields.similarity.vertex", 0.5, "vertex (Expected `int | null`, got `float`)"),
     ],
 )
-def test_every_bad_entry_is_named(entry: str, value: object, clause: str) -> None:
-    content = CONTENT | {entry: value}
-    with raises("invalid-entry", clause):
-        read_display(content, PATH)
-
-
-@pytest.mark.parametrize(
-    ("family", "entry", "value", "clause"),
-    [
-        ("eigenfunction", "index", "x", "index (Expected `int`, got `str`)"),
-        ("eigenfunction", "index", -1, "display.fields.eigenfunction.index (Expected `int` >= 0)"),
-        ("eigenfunction", "index", 2**31, "display.fields.eigenfunction.index"),
-        ("eigenfunction", "flipped", [1, "x"], "display.fields.eigenfunction.flipped[1]"),
-        ("hks", "scales", 0, "display.fields.hks.scales (Expected `int` >= 1)"),
-        ("hks", "scales", 10**9, "display.fields.hks.scales (Expected `int` <= 1024)"),
-        ("hks", "time", "abc", "hks.time (Expected `float | null`, got `str`)"),
-        ("hks", "time", -1, "display.fields.hks.time (Expected `float` >= "),
-        ("hks", "time", float("inf"), "display.fields.hks.time (Expected `float` <= "),
-        ("hks", "automatic", 1, "hks.automatic (Expected `bool`, got `int`)"),
-        ("hks", "t_min", 3e5, "display.fields.hks.t_min (300000 is not below 200000)"),
-        ("band", "index", 512, "display.fields.band.index (Expected `int` <= 511)"),
-        ("band", "low", -0.5, "display.fields.band.low"),
-        ("band", "count", 10**7, "display.fields.band.count (Expected `int` <= 512)"),
-        ("similarity", "vertex", "x", "display.fields.similarity.vertex"),
-        ("similarity", "basis", None, "display.fields.similarity.basis"),
-        ("similarity", "basis", "x", "display.fields.similarity.basis (Invalid enum value 'x')"),
-        (
-            "similarity",
-            "vertex",
-            0.5,
-            "vertex (Expected `int | null`, got `float`)",
-        ),
-    ],
-)
-def test_every_bad_parameter_is_named(family: str, entry: str, value: object, clause: str) -> None:
-    display = Display()
-    display.put(HeatKernelSignature(t_min=1.0, t_max=2e5))
-    content = display_to_json(display)
-    content["fields"][family][entry] = value
-    with raises("invalid-entry", clause):
-        read_display(content, PATH)
+def test_a_value_out_of_range_is_named(path: str, value: object, clause: str) -> None:
+    with raises("invalid-entry", f"display.{path.rpartition('.')[0]}", clause):
+        read_display(changed(CONTENT, tuple(path.split(".")), value), PATH)
 
 
 def test_one_scale_is_enough() -> None:
