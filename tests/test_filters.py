@@ -9,7 +9,6 @@ import pytest
 import shapes
 from faults import raises
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_responses import (
     first_nonzero_eigenvalue,
     hks_time_range,
@@ -83,13 +82,11 @@ def test_the_documented_filter_is_the_basis_evaluated():
     np.testing.assert_array_equal(coefficients, [basis(SPECTRUM) for basis in bases])
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [(0.0, 1.0, 0), (0.0, 1.0, 2.5), (1.0, 1.0, 4), (-np.inf, 1.0, 4), (0.0, np.inf, 4)],
-)
-def test_senseless_bsplines_are_refused(arguments):
-    with pytest.raises(InputError, match=r"finite range|whole number"):
-        construct_bspline_basis(*arguments)
+@pytest.mark.parametrize("ends", [(1.0, 1.0), (-np.inf, 1.0), (0.0, np.inf)])
+@pytest.mark.parametrize("count", [0, 2.5, 4])
+def test_senseless_bsplines_are_refused(ends, count):
+    with raises("bounds-swapped" if count == 4 else "out-of-range"):
+        construct_bspline_basis(*ends, count)
 
 
 def test_automatic_times_are_those_of_the_paper():
@@ -170,10 +167,13 @@ def test_the_documented_hks_filter():
     np.testing.assert_allclose(single[0, -1], 1e-4, rtol=1e-5)
 
 
-@pytest.mark.parametrize("times", [[1.0, np.inf], [1.0, -1.0], [np.nan], [], [[1.0]], {}])
-def test_times_of_a_heat_bank_are_finite_and_not_negative(times):
-    with pytest.raises(InputError, match="time"):
-        heat_kernel_bank(times)
+def test_times_of_a_heat_bank_are_finite_and_not_negative():
+    for times in ([1.0, np.inf], [1.0, -1.0], [np.nan]):
+        with raises("out-of-range"):
+            heat_kernel_bank(times)
+    for shapeless in ([], [[1.0]], {}):
+        with raises("wrong-shape"):
+            heat_kernel_bank(shapeless)
 
 
 def test_heat_bank_names_its_times_apart():

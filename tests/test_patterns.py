@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import raises
 
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.cli.batch import expanded
 from meshmash_viewer.cli.parser import COMMANDS, window_parser
-from meshmash_viewer.errors import InputError
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -74,7 +74,7 @@ def test_a_pattern_is_the_files_that_match(
 def test_nothing_that_matches_is_said(
     folder: Path, pattern: str, clause: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(InputError, match="No file matches"):
+    with raises("file-not-found", "No file matches"):
         expanded([Path(pattern)])
     for command in ((), ("info",)):
         assert cli.main([*command, pattern]) == 2

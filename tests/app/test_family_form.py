@@ -15,7 +15,6 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.tabs import make_tab
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import wave_kernel_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.parameter import Index, Parameter, checked_entry, parameter, record
@@ -86,7 +85,7 @@ def test_a_declaration_is_option_and_session_entry_too() -> None:
     assert declared["width"].parse("3 µm²").in_unit("nm") == pytest.approx(3e6)
     plain = Parameter(Annotated[float, Meta(ge=0.0, le=50.0)], option="sharpness")
     assert plain.parse("12.5") == 12.5
-    with pytest.raises(InputError, match="a number from 0 to 50, not 51"):
+    with raises("out-of-range", "a number from 0 to 50, not 51"):
         plain.parse("51")
     saved = Example(width=9.0, edge="hard").plain()
     kind, path = record(Example.entries()), Path("a.meshmash.json")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from faults import raises
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
@@ -27,7 +28,6 @@ import meshmash_viewer as mv
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.display import Shape, display_to_json, read_display
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
@@ -284,7 +284,7 @@ def test_a_session_and_a_script_have_the_shape(window: MainWindow, tmp_path: Pat
     content = json.loads(path.read_text(encoding="utf-8"))["display"]
     assert content == display_to_json(window.document.display)
     for name, value in (("pairs", 3), ("morph", 1.5), ("shown", 1), ("amplitude", -0.1)):
-        with pytest.raises(InputError, match=f"display.shape.{name}"):
+        with raises("invalid-entry", f"display.shape.{name}"):
             read_display({"shape": {name: value}}, path)
     wait_for(lambda: window.document.spectrum is not None)
     rest(window)

@@ -171,23 +171,6 @@ def test_return_in_a_panel_that_floats_gives_the_keys_back(
     qtbot.waitUntil(window.stage.hasFocus, timeout=PATIENCE)
 
 
-@pytest.mark.slow
-def test_what_is_refused_can_be_typed_over(
-    qtbot: QtBot, window: MainWindow, open_file: Open
-) -> None:
-    open_file("ball")
-    window.document.solve.target = Target("count", 12)
-    compute(qtbot, window)
-    before = part(window, "limit_low_field").text()
-    for name, text in (("limit_low_field", "nan"), ("target_count_spin", "0")):
-        type_in(window, name, text)
-        field = part(window, name)
-        assert field.hasFocus()
-        assert field.text() != text
-    assert part(window, "limit_low_field").text() == before
-    assert text_of(window, "limits_fault") == "nan is not a number: write 3.1e5."
-
-
 # -- units -------------------------------------------------------------------------------------
 
 

@@ -226,12 +226,6 @@ def test_a_small_surface_of_our_own_is_in_mm(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.vertices, 0.01 * VERTICES, rtol=1e-6)
 
 
-def test_unknown_unit_is_refused(tmp_path: Path) -> None:
-    write_obj(tmp_path / "mesh.obj")
-    with pytest.raises(InputError, match="furlong"):
-        read_mesh(tmp_path / "mesh.obj", unit="furlong")
-
-
 def test_obj_is_not_split_at_texture_seams(tmp_path: Path) -> None:
     # A square whose diagonal is a seam: four vertices, six texture coordinates.
     path = tmp_path / "seam.obj"

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from faults import raises
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import mesh_health, repair_mesh
 from meshmash_viewer.io.session import packed_mask, unpacked_mask
 from meshmash_viewer.mesh import Mesh
@@ -100,5 +100,5 @@ def test_a_mask_is_written_packed(document: Document) -> None:
     mask = of(document, 0, 7, 8, 300)
     assert np.array_equal(unpacked_mask(packed_mask(mask), len(mask)), mask)
     assert unpacked_mask(packed_mask(None), 10) is None
-    with pytest.raises(InputError, match="does not have 99 vertices"):
+    with raises("other-mesh"):
         unpacked_mask(packed_mask(mask), 99)
