@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.executor import Call, Slot
 from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.view.caption import Caption, caption_of
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
-from meshmash_viewer.model.limits import LimitPolicy, Limits
+from meshmash_viewer.model.limits import Limits
 from meshmash_viewer.model.notices import Notice, Severity
 from meshmash_viewer.progress import Cancelled
 
@@ -28,24 +28,32 @@ _LATE = 200
 
 
 class Link(Protocol):
-    """Interface that links the fields of two meshes (see `app.second_view.SecondView`)."""
+    """Interface of `app.second_view.SecondView`, which links the fields of two meshes."""
 
-    def draw(self, source: Controller) -> None:
-        """Draw the fields of both meshes after the field of `source` has changed."""
+    def draw(self, source: Controller) -> None: ...
 
     def adapted(
         self, source: Controller, field: Field, limits: Limits, colormap: ColorMap
-    ) -> tuple[Field, Limits, ColorMap]:
-        """Return field, limits and colours of `source`, adapted to those of the other mesh."""
+    ) -> tuple[Field, Limits, ColorMap]: ...
+
+
+class Colored(NamedTuple):
+    """A field with its colours and caption, for a look (`Display.look`)."""
+
+    field: Field
+    look: tuple[Any, ...]
+    limits: Limits
+    colormap: ColorMap
+    caption: Caption
 
 
 class Controller(QObject):
     """Controller that draws the mesh, the pins and the displayed field of a document.
 
     A tick of a slider changes the document's display, whose signal calls `refresh`. A thread
-    computes the newest requested field (`_compute`). `_take` receives the field, and drops a field
-    of another mesh or family. `show` calls `draw`, through `link` if two meshes are compared.
-    `draw` adds the limits and passes the field to the view. Another thread builds tables that make
+    computes the newest requested field with limits and caption (`_computed`). `_take` receives it,
+    and drops a field of another mesh or family. `show` calls `draw`, through `link` if two meshes
+    are compared. `draw` passes the field to the view. Another thread builds tables that make
     the next fields fast; a field computed without its table is then computed again.
     """
 
@@ -55,16 +63,15 @@ class Controller(QObject):
     def __init__(self, document: Document, view: MeshView, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._document, self._view = document, view
-        #: The last computed field.
-        self.field: Field | None = None
+        #: The last computed field, with its colours.
+        self._colored: Colored | None = None
         self.live = LiveFeatures()
         #: Whether the requested field takes long or cannot be computed.
         self.late = False
         #: Link to another mesh; None if no meshes are compared.
         self.link: Link | None = None
         self._wanted: FieldRequest | None = None
-        self._policies: Mapping[str, LimitPolicy] = {}
-        self._shown: tuple[Field, Limits, ColorMap, bool] | None = None
+        self._shown: tuple[Field, Caption] | None = None
         self._patience = QTimer(self, singleShot=True, interval=_LATE)
         self._patience.timeout.connect(self._announce)
         self._fields = Slot(self, "fields", one_core=True)
@@ -84,6 +91,11 @@ class Controller(QObject):
         listen((*colors, events.log_scales, events.nodal_lines), self.show)
 
     @property
+    def field(self) -> Field | None:
+        """The last computed field."""
+        return None if self._colored is None else self._colored.field
+
+    @property
     def comes(self) -> bool:
         """Whether the requested field is not ready yet."""
         field = self.field
@@ -92,16 +104,14 @@ class Controller(QObject):
     @property
     def idle(self) -> bool:
         """Whether the requested field is ready, and nothing is being computed."""
-        if self._fields.working or self._tables.working or self.comes:
-            return False
-        return self._wanted is not None or self.field is None
+        busy = self._fields.working or self._tables.working or self.comes
+        return not busy and (self._wanted is not None or self.field is None)
 
     # -- a tick -------------------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Request the field selected in the document, unless it is requested already."""
         request = request_of(self._document)
-        self._policies = self._document.display.policies
         if request == self._wanted:
             return
         before, self._wanted = self._wanted, request
@@ -120,14 +130,20 @@ class Controller(QObject):
             lambda _: self._computed(request), partial(self._take, request), self._fail
         )
 
-    def _computed(self, request: FieldRequest) -> Field | None:
-        """Compute a field and its limits; runs in a thread."""
+    def _computed(self, request: FieldRequest) -> Colored | None:
+        """Compute a field with limits and caption; runs in a thread."""
         field = compute_field(request, self.live)
-        if field is not None:
-            field.prepare_colors(self._policies.get(field.family.limits_key))
-        return field
+        return None if field is None else self._color(field)
 
-    def _take(self, request: FieldRequest, answer: Field | None) -> None:
+    def _color(self, field: Field) -> Colored:
+        """Compute limits and caption of a field, unless the field has cached them."""
+        display = self._document.display
+        look = display.look  # read first: it may change meanwhile if this runs in a thread
+        limits, colormap = field.colors(display)
+        caption = caption_of(field, limits, colormap, lined=display.nodal_lines)
+        return Colored(field, look, limits, colormap, caption)
+
+    def _take(self, request: FieldRequest, answer: Colored | None) -> None:
         """Receive a field; the answer is None if its table has to be built first."""
         wanted, shown = self._wanted, self.field
         assert wanted is not None  # else the calls are dropped
@@ -141,8 +157,8 @@ class Controller(QObject):
             if request != wanted:
                 self._patience.start()
 
-    def _accept(self, field: Field | None) -> None:
-        self.field, self.late = field, False
+    def _accept(self, colored: Colored | None) -> None:
+        self._colored, self.late = colored, False
         self._patience.stop()
         self._view.set_awaited("")
         self.show()
@@ -156,19 +172,21 @@ class Controller(QObject):
 
     def draw(self) -> None:
         """Pass the field to the view, if it has changed."""
-        field, mesh, display = self.field, self._document.mesh, self._document.display
-        if field is None or mesh is None or len(field.values) != mesh.n_vertices:
-            self._shown, limits = None, Limits(0.0, 1.0)
-            self._view.set_field(None, limits, display.sequential_colormap)
-            self.drawn.emit(None, limits)
+        colored, mesh, display = self._colored, self._document.mesh, self._document.display
+        if colored is None or mesh is None or len(colored.field.values) != mesh.n_vertices:
+            self._shown = None
+            self._view.set_field(None)
+            self.drawn.emit(None, Limits(0.0, 1.0))
             return
-        limits, colormap = field.colors(display)
+        if colored.look != display.look:
+            colored = self._colored = self._color(colored.field)
+        field, _, limits, colormap, caption = colored
         if self.link is not None:
             field, limits, colormap = self.link.adapted(self, field, limits, colormap)
-        now = field, limits, colormap, display.nodal_lines
-        if now != self._shown:
-            self._shown = now
-            self._view.set_field(field, limits, colormap)
+            caption = caption_of(field, limits, colormap, lined=display.nodal_lines)
+        if (field, caption) != self._shown:
+            self._shown = field, caption
+            self._view.set_field(field, limits, colormap, caption)
             self.drawn.emit(field, limits)
 
     # -- slow fields, and faults --------------------------------------------------------------

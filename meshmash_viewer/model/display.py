@@ -147,6 +147,12 @@ class Display:
         return self.fields[self.kind]
 
     @property
+    def look(self) -> tuple[Any, ...]:
+        """The attributes that determine colours and caption of a field."""
+        colormaps = self.diverging_colormap, self.sequential_colormap
+        return self.policies, self.log_scales, *colormaps, self.nodal_lines
+
+    @property
     def profile_family(self) -> Family:
         """The family of the profiles: the displayed family, its `basis`, or the first family."""
         family = self.family

@@ -75,9 +75,7 @@ class FieldRequest:
     def same_mesh(self, other: FieldRequest) -> bool:
         """Return whether two requests have the same coordinates; units may differ."""
         mine, their = self.spectrum.mesh, other.spectrum.mesh
-        if mine is None or their is None:
-            return mine is their
-        return mine.vertices is their.vertices
+        return getattr(mine, "vertices", None) is getattr(their, "vertices", None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +95,9 @@ class Field:
         """Return the colour limits under a policy, by default `automatic_limits`; cached."""
         if self.labels:  # the values 0, 1, 2 … are the centres of the colours
             return -0.5, len(self.labels) - 0.5
-        known = self._limits.get(policy)
-        if known is None:
-            known = self._limits[policy] = self._find_limits(policy)
-        return known
+        if policy not in self._limits:
+            self._limits[policy] = self._find_limits(policy)
+        return self._limits[policy]
 
     def _find_limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
         sample = self.request.sample
@@ -155,21 +152,15 @@ class Field:
         """Return whether values lie below the lower limit, and whether above the upper limit."""
         return beyond_limits(limits, self._extremes)
 
-    def prepare_colors(self, policy: LimitPolicy | None) -> None:
-        """Compute and cache limits and line spacing; may be called from any thread."""
-        self.limits(policy)
-        _ = self.spans_decades, self._extremes, self.spacing
-
     def colors(self, display: Display) -> tuple[Limits, str | tuple[str, ...]]:
         """Return the colour limits, and the name of the colour map or the colours of labels."""
         key = self.family.limits_key
         limits = self.scaled(self.limits(display.policies.get(key)), display.log_scales.get(key))
         if self.labels:
             return limits, tuple(label.color for label in self.labels)
-        if self.signed:
-            return limits, display.diverging_colormap
-        named = display.sequential_colormap
-        return limits, reversed_map(named) if self.family.bright_low else named
+        named = display.diverging_colormap if self.signed else display.sequential_colormap
+        reverse = self.family.bright_low and not self.signed
+        return limits, reversed_map(named) if reverse else named
 
     def as_map(self) -> VertexMap:
         """Return the values as a map of the mesh, with the name that the render shows.
@@ -186,10 +177,6 @@ class Field:
         labels = tuple(replace(each, key=at) for at, each in enumerate(self.labels))
         keys = np.nan_to_num(self.values, nan=-1.0).astype(np.int64)
         return VertexMap(name, keys, labels)
-
-    def kept_colors(self, display: Display) -> tuple[float, ...]:
-        """Return the entry of `OwnMaps.colors` for a map that looks like this field."""
-        return tuple(map(float, (*self.colors(display)[0], self.signed)))
 
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
         """Return the field on another mesh: the values at `vertices` of this mesh, NaN for -1."""
@@ -249,9 +236,7 @@ class Field:
     @cached_property
     def spacing(self) -> float:
         """Rounded spacing of contour lines in `unit`; 0 if the field has none."""
-        if not self.family.contoured:
-            return 0.0
-        largest = extremes_of(self.values)[1]
+        largest = extremes_of(self.values)[1] if self.family.contoured else 0.0
         return round_length(largest / _LINES) if largest > 0.0 else 0.0
 
     @property
@@ -278,17 +263,12 @@ class Field:
         """The unit that `value_text` writes."""
         return engineering(self.size, self.unit)[1]
 
-    @property
-    def spacing_text(self) -> str:
-        """Spacing of the contour lines, "lines every 500 nm"; empty without contour lines."""
-        if not self.spacing:
-            return ""
-        return f"lines every {format_quantity(self.spacing, self.unit)}"
-
     def description(self, lines: bool) -> str:
-        """Describe the field: its quantity, and the spacing of lines if they are drawn."""
+        """Describe the field: its quantity, and "lines every 500 nm" if contours are drawn."""
+        spaced = lines and self.spacing
+        lined = f"lines every {format_quantity(self.spacing, self.unit)}" if spaced else ""
         at = "" if self.first_unit is None else "values at the area of the first mesh"
-        return " · ".join(filter(None, [self.quantity, self.spacing_text if lines else "", at]))
+        return " · ".join(filter(None, [self.quantity, lined, at]))
 
     @property
     def signed(self) -> bool:
@@ -388,9 +368,7 @@ def _vertex(family: Family) -> int | None:
 def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     """Return the field of a request; None if `live.prepare` has to be called first."""
     answer = live.compute(request)
-    if answer is None:
-        return None
-    return Field(answer.values, request, answer.draft)
+    return None if answer is None else Field(answer.values, request, answer.draft)
 
 
 def step(document: Document, steps: int) -> bool:

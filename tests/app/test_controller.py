@@ -75,6 +75,7 @@ def test_latest_request_wins_and_none_waits_in_line(
     asked, limits = threading.Event(), Field.limits
 
     def slow(field: Field, *given: object) -> tuple[float, float]:
+        assert threading.current_thread() is not threading.main_thread()
         asked.wait(60.0)
         return limits(field, *given)
 
@@ -99,7 +100,7 @@ def test_a_field_of_the_kind_just_left_does_not_flash(
     source.drawn.connect(lambda field, _: fields.append(field))
     left = source.field
     document.display.kind = "hks"
-    source._take(left.request, left)  # as if the field had been computed while the kind changed
+    source._take(left.request, source._color(left))  # computed while the kind changed
     assert not fields
     qtbot.waitUntil(lambda: source.idle)
     assert {field.family.name for field in fields} == {"hks"}

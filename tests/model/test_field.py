@@ -151,7 +151,6 @@ def test_labels_without_a_vertex_have_colours_too(rectangle: Mesh) -> None:
     document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
     document.display.show(OwnMaps(chosen="parts"))
     field = compute_field(request_of(document), LiveFeatures())
-    field.prepare_colors(None)
     limits, colors = field.colors(document.display)
     assert (limits, colors) == ((-0.5, 1.5, False), ("#ff0000", "#00ff00"))
     assert (field.beyond(limits), field.value_text(0)) == ((False, False), "no value")

@@ -241,7 +241,7 @@ class FamilyForm(FamilyTab):
             each: ParameterRow(
                 declared.control or f"{family.name}_{each}",
                 declared,
-                partial(self._set_parameter, each),
+                lambda value, name=each: self._change(**{name: value}),
             )
             for each, declared in family.declared().items()
             if declared.text and each not in shown
@@ -268,14 +268,13 @@ class FamilyForm(FamilyTab):
             return slider, index, self.facts
         slider = self._make_time_slider(f"{name}_slider", f"{one}, in log scale")
         declared = replace(self.family.declared()[self.position], text=one)
-        self.number = ParameterRow(name, declared, partial(self._set_parameter, self.position))
+        self.number = ParameterRow(
+            name, declared, lambda value: self._change(**{self.position: value})
+        )
         fault = make.note(f"{name}_field_fault", "error")
         assert isinstance(self.number.control, NumberField)
         self.number.control.refused.connect(lambda sentence: make.show_note(fault, sentence))
         return slider, self.number, fault, self.facts
-
-    def _set_parameter(self, name: str, value: Any) -> None:
-        self._change(**{name: value})
 
     def _set_count(self, count: int) -> None:
         position = getattr(self._document.display[self.family], self.position)

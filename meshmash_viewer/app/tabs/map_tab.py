@@ -181,7 +181,7 @@ class MapTab(FamilyTab):
         document, field = self._document, self._field
         if document.mesh is not None and field is not None and self._can_keep():
             self.list.setFocus()  # otherwise hiding the button moves the focus to another control
-            colors = field.kept_colors(document.display)
+            colors = tuple(map(float, (*field.colors(document.display)[0], field.signed)))
             document.maps.add(document.mesh, [field.as_map()], colors=colors)
 
     def _can_keep(self) -> bool:

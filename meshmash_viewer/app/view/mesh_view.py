@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from meshmash_viewer.app.executor import Held, shutdown
 from meshmash_viewer.app.view.annotations import BAR_SPACE, margins, title_size
 from meshmash_viewer.app.view.camera import View, view_axes
-from meshmash_viewer.app.view.caption import caption_of
+from meshmash_viewer.app.view.caption import Caption, caption_of
 from meshmash_viewer.app.view.frames import Frames
 from meshmash_viewer.app.view.handles import BarHandles, CutHandle
 from meshmash_viewer.app.view.pickable import PickableRender
@@ -130,21 +130,19 @@ class MeshView(PickableRender):
         field: Any | None,
         limits: Limits | tuple[float, float] = (-1.0, 1.0),
         colormap: ColorMap = "RdBu_r",
+        caption: Caption | None = None,
     ) -> None:
         """Colour the mesh by a `meshmash_viewer.model.field.Field`; None removes the field.
 
-        Level lines are drawn if `nodal_lines` is set in the document's display.
+        The default caption has level lines if `nodal_lines` is set in the document's display.
         """
-        mesh = self.renderer.mesh
-        if mesh is None:
+        if self.mesh is None:
             return
         had_caption = self.renderer.caption is not None
-        if field is None:
-            self.renderer.set_field(None)
-        else:
+        if field is not None and caption is None:
             lined = self.document.display.nodal_lines
             caption = caption_of(field, Limits(*limits), colormap, lined=lined)
-            self.renderer.set_field(field.values, caption)
+        self.renderer.set_field(None if field is None else field.values, caption)
         if had_caption != (field is not None) and not self.turned_by_hand:
             self._fit()
         self._moves()

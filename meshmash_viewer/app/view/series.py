@@ -77,7 +77,6 @@ def compute_shot(
         live.prepare(shot.request)
         found = compute_field(shot.request, live)
     assert found is not None, "its table has been prepared"
-    found.prepare_colors(display.policies.get(found.family.limits_key))
     return found if picked is None else found.carried(picked)
 
 
