@@ -147,10 +147,11 @@ class Arrangement:
         self._window.resizeDocks(below, [230, 230], Qt.Orientation.Vertical)
         self._window.resizeDocks(below, [400, 400], Qt.Orientation.Horizontal)
 
-    def fit(self) -> None:
-        """Arrange the plots side by side, or as tabs if the window is narrow."""
-        self._fit_field()
-        window, narrow = self._window, self._window.width() < _NARROW
+    def fit(self, *, narrow: bool = True) -> None:
+        """Arrange the docks for the width of the window; unless `narrow`, as for a wide one."""
+        self._fit_field(narrow=narrow)
+        window = self._window
+        narrow = narrow and window.width() < _NARROW
         spectrum, profile = self.docks["spectrum"], self.docks["profile"]
         if narrow == self._narrow or any(
             dock.isFloating() or dock.isHidden() or window.dockWidgetArea(dock) != _BOTTOM
@@ -182,13 +183,10 @@ class Arrangement:
         if self._field_aside:
             self.docks["field"].raise_()
 
-    @property
-    def _is_field_aside(self) -> bool:
-        return self._window.width() < (_NARROW_PAIR if self._comparing else _NARROW_ONE)
-
-    def _fit_field(self) -> None:
+    def _fit_field(self, *, narrow: bool = True) -> None:
         """Move Field to the left area in a narrow window, and back to the right in a wide one."""
-        window, field, aside = self._window, self.docks["field"], self._is_field_aside
+        window, field = self._window, self.docks["field"]
+        aside = narrow and window.width() < (_NARROW_PAIR if self._comparing else _NARROW_ONE)
         if aside == self._field_aside or field.isFloating() or field.isHidden():
             return
         left = [self.docks[name] for name in _LEFT]
@@ -208,16 +206,16 @@ class Arrangement:
         (front or self.docks["pair" if self._comparing else "mesh"]).raise_()
 
     def save(self) -> tuple[QByteArray, QByteArray]:
-        return self._window.saveGeometry(), self._window.saveState(_VERSION)
+        """Return geometry and state of the docks, without what a narrow window has changed."""
+        geometry = self._window.saveGeometry()
+        self.fit(narrow=False)
+        return geometry, self._window.saveState(_VERSION)
 
     def restore(self, layout: tuple[QByteArray, QByteArray]) -> None:
         self._window.restoreGeometry(layout[0])
         self._window.restoreState(layout[1], _VERSION)
-        aside = self._window.tabifiedDockWidgets(self.docks["field"])
-        self._field_aside = self._is_field_aside and self.docks["mesh"] in aside
-        plots = self._window.tabifiedDockWidgets(self.docks["spectrum"])
-        # `fit` then splits plots that are tabs if the window is now wider than when stored
-        self._narrow = self._window.width() < _NARROW and self.docks["profile"] in plots
+        self._narrow = self._field_aside = False
+        self.fit()
 
 
 class HoverLabel(QLabel):

@@ -116,12 +116,12 @@ def test_a_narrow_window_leaves_room_for_the_render(qtbot: QtBot, window: MainWi
 def test_the_layout_of_a_small_window_is_not_that_of_a_large_one(
     qtbot: QtBot, open_window: Callable[..., MainWindow]
 ) -> None:
-    layout = open_window(size=(900, 600)).arrangement.save()
+    _, state = open_window(size=(900, 600)).arrangement.save()
     window = MainWindow(fresh=True)
     qtbot.addWidget(window)
-    window.arrangement.restore(layout)
     window.resize(1440, 900)
     window.show()
+    window.arrangement.restore((window.saveGeometry(), state))  # as if maximized then and now
     docks = window.arrangement.docks
     qtbot.waitUntil(lambda: not window.tabifiedDockWidgets(docks["spectrum"]), timeout=PATIENCE)
     qtbot.waitUntil(lambda: docks["profile"].width() > 300, timeout=PATIENCE)
