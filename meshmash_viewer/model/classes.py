@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 #: Pattern of the names of a prediction's maps, except for the predicted labels.
 _PROBABILITY = re.compile(r"(probability of .*|uncertainty( \d+)*)", re.DOTALL)
+#: Kind of the job that trains and predicts.
+_CLASSIFYING = "Classifying"
 #: Largest number of classes whose probabilities become maps; more would fill the list of maps.
 _MOST_PROBABILITIES = 8
 _OUTDATED = " The labels or the options have changed since: press Classify."
@@ -172,7 +174,6 @@ class Classes:
         self._awaiting: tuple[Learned, bool] | None = None
         #: Labels and options of the last request.
         self._requested: _Source | None = None
-        self._running: Job | None = None
         #: Label set for which training failed, and the reason.
         self._refused: tuple[VertexMap, str] | None = None
         labels.source_of = self._source_of
@@ -268,7 +269,8 @@ class Classes:
     @property
     def runs(self) -> bool:
         """Whether a prediction is being computed."""
-        return self._running is not None and self._running is self._work.job
+        running = self._work.job
+        return running is not None and running.doing == _CLASSIFYING
 
     def plain(self) -> dict[str, Any]:
         """Return options and scores as values for JSON."""
@@ -360,9 +362,9 @@ class Classes:
         assert spectrum is not None
         mesh = solved.mesh.with_only_maps()  # the worker needs no maps
         self._requested = labels, self._options
-        self._running = self._work.request(
+        self._work.request(
             Job(
-                "Classifying",
+                _CLASSIFYING,
                 mesh.name,
                 partial(classify, mesh, labels, spectrum, self._options, live),
                 partial(self._accept, labels, self._options, live),

@@ -29,6 +29,8 @@ from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import counted
 
 DEFAULT_TARGET = Target("count", 100)
+#: Kind of the job that computes eigenpairs.
+_DECOMPOSING = "Decomposing"
 
 
 @dataclass(eq=False)
@@ -48,8 +50,6 @@ class Solve:
     target: Target = DEFAULT_TARGET
     #: Seconds per vertex and pair of the last decomposition on this machine, if any.
     seconds_rate: float | None = None
-    #: The last requested decomposition.
-    _job: Job | None = field(default=None, init=False)
 
     def stated(self, spectrum: Eigenpairs) -> Target:
         """Return what was asked for a spectrum, if possible as the user states it."""
@@ -93,7 +93,7 @@ class Solve:
         """Whether the mesh has pairs left to compute, and no other job runs."""
         running = self._work.job
         brief = running is not None and running.queueing is Queueing.NEWEST
-        waits = running is None or (brief and running is not self._job)
+        waits = running is None or (brief and running.doing != _DECOMPOSING)
         return self._opened.ready is not None and waits and not self.is_computed
 
     @property
@@ -107,9 +107,9 @@ class Solve:
         """Request the decomposition of the open mesh."""
         solved = self._opened.solved
         if solved is not None:
-            self._job = self._work.request(
+            self._work.request(
                 Job(
-                    "Decomposing",
+                    _DECOMPOSING,
                     solved.mesh.name,
                     partial(decompose, solved.mesh, self.operator, self.asked),
                     self._accept,
