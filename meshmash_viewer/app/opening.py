@@ -185,7 +185,10 @@ class Opening(QObject):
                 self.document, self.last_session.path(path), session.kept_maps
             ),
             "map file": len(session.maps),
-            "other mesh": int(bool(session.second_path)),
+            "other mesh": int(session.second is not None),
+            "part": int(bool(session.part)),
+            "selection": int(bool(session.selection)),
+            "set of hidden vertices": int(bool(session.hidden)),
             "table of points": int(bool(session.points)),
             "rebuilt shape": int(self.document.display.shape.shown),
         }
@@ -316,13 +319,14 @@ class Opening(QObject):
             return None
         return replace(session_of(pair.second, {}), links=sorted(pair.links), match=pair.match)
 
-    def _restore_second(self, session: Session | None) -> None:
+    def _restore_second(self, session: Session | None, file: Path | None = None) -> None:
+        """Open the second mesh of a session, by default one that was closed in this window."""
         if session is None:
             self._end_comparison()
         elif self.scene is not None:
             view = self._make_view(session.links)
             view.pair.match = session.match
-            path = Path(session.mesh_path)
+            path = file or Path(session.mesh_path)
             self._second_restoration = Restoration(view.document, path, session)
             self._second_restoration.begin()
 
@@ -369,9 +373,11 @@ class Opening(QObject):
         self.restoration = None
         if restoration.camera is not None:
             self.scene.set_camera(restoration.camera.to_json(), fitted=restoration.fitted)
-        if restoration.second is not None and self._waiting is None:
-            file, names = restoration.path, restoration.second.kept_maps
-            self._restore_second(restoration.second)
+        session = restoration.session
+        if session.second is not None and self._waiting is None:
+            file, names = restoration.path, session.second.kept_maps
+            other = replace(session.second, links=session.links, match=session.match)
+            self._restore_second(other, file)
             assert self._second_restoration is not None
             assert self.pair is not None
             second = self.pair.second
@@ -386,12 +392,10 @@ class Opening(QObject):
         `InputError` is raised if a file cannot be written.
         """
         session = session_of(self.document, *self._look_of())
-        second = self.pair.second if session.second_path and self.pair is not None else None
-        session = replace(
-            session,
-            kept_maps=_write_maps(path, self.document),
-            second_kept_maps=_write_maps(path, second, ".second"),
-        )
+        session = replace(session, kept_maps=_write_maps(path, self.document))
+        if session.second is not None and self.pair is not None:
+            names = _write_maps(path, self.pair.second, ".second")
+            session = replace(session, second=replace(session.second, kept_maps=names))
         write_session(path, session)
 
     def save_session(self) -> None:
@@ -424,9 +428,9 @@ def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
     dialog.open()
 
 
-def _write_maps(session: Path, document: Document | None, of: str = "") -> list[str]:
+def _write_maps(session: Path, document: Document, of: str = "") -> list[str]:
     """Write the unsaved maps to a file next to a session file; return the names of the files."""
-    if document is None or document.mesh is None or not document.maps.unsaved.maps:
+    if document.mesh is None or not document.maps.unsaved.maps:
         return []
     name = f"{session.name.removesuffix(SESSION_ENDING)}{of}{KEPT_MAPS_ENDING}"
     with writing_errors(session.with_name(name)):

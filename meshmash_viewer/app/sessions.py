@@ -34,7 +34,6 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
     assert mesh is not None and ready is not None  # noqa: PT018  both or neither
     part, labels = document.part_mesh, document.labels.current
     second = None if pair is None or pair.second.path is None else pair.second
-    other = None if second is None else second.part_mesh
     return Session(
         mesh_path=str(document.path or ""),
         maps=_map_files(document),
@@ -58,26 +57,10 @@ def session_of(document: Document, camera: dict[str, Any], pair: Pair | None = N
         part=_packed(mesh, None if part is None else part.referenced),
         points=document.points.plain(),
         camera=camera,
-        second_path=str(second.path) if second is not None else "",
-        second_unit=second.unit_text if second is not None else "",
-        second_maps=_map_files(second) if second is not None else [],
-        second_map_names=second.maps.names if second is not None else [],
-        second_repairs=list(second.repairs) if second is not None else [],
-        second_part="" if other is None else _packed(other, other.referenced),
         links=sorted(pair.links) if pair is not None else [],
-        match={} if pair is None else {**pair.match, **_pinned(pair.second)},
+        match={} if pair is None else pair.match,
+        second=None if second is None else session_of(second, {}),
     )
-
-
-def _pinned(document: Document) -> dict[str, Any]:
-    mesh, pins = document.mesh, document.pins.placed
-    if mesh is None:
-        return {}
-    return {
-        "pinned": [[pin.number, mesh.file_index(pin.vertex)] for pin in pins],
-        "pin_names": [pin.name for pin in pins],
-        "pin_colors": [pin.own_color for pin in pins],
-    }
 
 
 def _packed(mesh: Mesh, mask: Mask | None) -> str:
@@ -88,6 +71,11 @@ def _map_files(document: Document) -> list[str]:
     maps = () if document.mesh is None else document.mesh.maps
     read = (each.path for each in maps if each.path)
     return list(dict.fromkeys([*read, *map(str, document.maps.pending)]))
+
+
+def _checked_parts(session: Session, path: Path) -> tuple[dict[str, Any], Any]:
+    """Return the attributes of the display and the state of the classes in a session."""
+    return read_display(session.display, path), read_saved_classes(session.classes, path)
 
 
 class Restoration:
@@ -128,8 +116,9 @@ class Restoration:
         if not session.mesh_path:
             fault = f"{path.name} has no mesh_path"
             raise InputError("no-mesh", fault, "open the mesh itself instead")
-        self._display = read_display(session.display, path)
-        self._classes = read_saved_classes(session.classes, path)
+        if session.second is not None:  # its entries are checked before anything is changed
+            _checked_parts(session.second, path)
+        self._display, self._classes = _checked_parts(session, path)
         #: The saved camera.
         self.camera: View | None = None
         #: Whether the camera showed the whole mesh, fitted to the size of the render.
@@ -242,35 +231,6 @@ class Restoration:
         with contextlib.suppress(InputError):
             return mesh.vertex_of(index)
         return None
-
-    @property
-    def second(self) -> Session | None:
-        """The session of the second mesh, or None."""
-        session = self.session
-        if not session.second_path:
-            return None
-        match = session.match
-        pinned = match.get("pinned", [])
-        # in older sessions, pins of equal number have the name and colour of the first mesh's
-        known = (session.pin_numbers, session.pin_names, session.pin_colors)
-        about = {number: each for number, *each in zip(*known, strict=False)}
-        named = [about.get(number, ["", ""]) for number, _ in pinned]
-        return Session(
-            mesh_path=session.second_path,
-            unit=session.second_unit,
-            maps=session.second_maps,
-            map_names=session.second_map_names,
-            kept_maps=session.second_kept_maps,
-            repairs=session.second_repairs,
-            part=session.second_part,
-            operator=session.operator,
-            pins=[at for _, at in pinned],
-            pin_numbers=[number for number, _ in pinned],
-            pin_names=match.get("pin_names", [name for name, _ in named]),
-            pin_colors=match.get("pin_colors", [color for _, color in named]),
-            links=session.links,
-            match=match,
-        )
 
     def _warn(self, text: str) -> None:
         self._document.notices.say(text, Severity.WARNING)

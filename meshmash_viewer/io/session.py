@@ -8,7 +8,8 @@ import os
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,10 +41,12 @@ from meshmash_viewer.vertex_map import COLOR, Label, VertexMap
 SESSION_ENDING = ".meshmash.json"
 
 _FORMAT = "meshmash-viewer session"
-#: Version of the format. Since version 3, vertices are given by their index in the mesh file, which
-#: differs from the index in the mesh only after repairs. Sessions without repairs are written as
-#: version 2, which older programs can read.
-_VERSION, _WITHOUT_REPAIRS = 3, 2
+#: Version of the format. Since version 4, it has a list of meshes, and the entries of the window.
+#: Since version 3, vertices are given by their index in the mesh file, which differs from the index
+#: in the mesh only after repairs.
+_VERSION, _FLAT, _OLDEST = 4, 3, 2
+#: Entries of pins next to their numbers.
+_ABOUT_PINS = ("pin_names", "pin_colors")
 #: Largest size in bytes, a hundred times that of a session with thousands of pins.
 _LARGEST = 16_000_000
 
@@ -70,14 +73,18 @@ _Color = Annotated[str, Meta(pattern=rf"^(|{COLOR.pattern})\Z")]
 _Vector = Annotated[
     list[Annotated[float, Meta(ge=-1e30, le=1e30)]], Meta(min_length=3, max_length=3)
 ]
+#: In sessions before version 4: a pin number and its vertex on the second mesh.
 _Pair = Annotated[list[Index], Meta(min_length=2, max_length=2)]
+_PINNED = {"pinned": list[_Pair], "pin_names": list[Text], "pin_colors": list[_Color]}
 _PINS = Annotated[list[Index], Meta(max_length=10_000)]
 _CAMERA = {
     "focus": _Vector, "axes": Annotated[list[_Vector], Meta(min_length=3, max_length=3)],
     "half_size": Annotated[float, Meta(ge=1e-30, le=1e30)], "fitted": bool,
 }  # fmt: skip
-_MATCH = {"feature": Text, "refined": bool, "carried": bool, "pinned": list[_Pair],
-          "pin_names": list[Text], "pin_colors": list[_Color]}  # fmt: skip
+_MATCH = {"feature": Text, "refined": bool, "carried": bool}
+_Meshes = Annotated[list[dict[str, Any]], Meta(min_length=1, max_length=2)]
+#: Entries of the window; the others belong to a mesh.
+_WINDOW = {"camera", "links", "match"}
 _POINTS = {
     "path": Text, "hash": Text, "unit": _Unit, "position": Text, "column": Text,
     "size": Annotated[int, Meta(ge=1, le=100)], "max_distance": NotNegative,
@@ -86,7 +93,7 @@ _POINTS = {
 
 @dataclass(frozen=True)
 class Session(Parameters):
-    """State of a window, as written to a session file."""
+    """State of a mesh and of the window, as written to a session file."""
 
     #: File of the mesh. It is written as a relative path if it is below the folder of the session
     #: file, so that both can be moved together; a link file is written as its link.
@@ -132,25 +139,16 @@ class Session(Parameters):
     #: Names of files in the folder of the session, with maps that are in no other file.
     kept_maps: list[str] = parameter(list, list[Text])
     #: False for older sessions, in which vertices are given by their index in the repaired mesh.
-    file_indices: bool = True
+    file_indices: bool = parameter(True, bool)
     #: Focal point, axes and half size of the view in mesh coordinates; empty for the default view.
     camera: dict[str, Any] = parameter(dict, record(_CAMERA))
-    #: Like `mesh_path` and `unit`, for the second mesh; "" without a second mesh.
-    second_path: str = parameter("", Text)
-    second_unit: str = parameter("", _Unit)
-    #: Like `maps`, `map_names`, `kept_maps` and `repairs`, for the second mesh.
-    second_maps: list[str] = parameter(list, list[Text])
-    second_map_names: list[str] = parameter(list, list[Text])
-    second_kept_maps: list[str] = parameter(list, list[Text])
-    second_repairs: list[str] = parameter(list, list[_Repair])
-    #: Like `part`, for the second mesh.
-    second_part: str = parameter("", str)
     #: Names of the active links between the views of the two meshes.
     links: list[str] = parameter(list, list[Text])
-    #: Settings of the matching of vertices: the feature, whether the match is refined, whether
-    #: colours are transferred, and pairs of a pin number and its vertex on the second mesh, with
-    #: the names and colours of these pins, which older sessions lack.
+    #: Settings of the matching of vertices: the feature, whether the match is refined, and whether
+    #: colours are transferred.
     match: dict[str, Any] = parameter(dict, record(_MATCH))
+    #: The second mesh, whose entries of the window are not used; None for one mesh.
+    second: Session | None = None
 
 
 def write_session(path: str | Path, session: Session) -> None:
@@ -159,20 +157,24 @@ def write_session(path: str | Path, session: Session) -> None:
     `InputError` is raised if the file cannot be written.
     """
     path = Path(path)
-    content = session.plain()
-    folder = path.absolute().parent
-    for name in ("mesh_path", "second_path"):
-        if content[name]:
-            shown = shown_path(Path(content[name]))
-            content[name] = shown if is_link(shown) else _relative(shown, folder)
-    for name in ("maps", "second_maps"):
-        content[name] = [_relative(each, folder) for each in content[name]]
-    if path_of_points := content["points"].get("path"):
-        content["points"] = {**content["points"], "path": _relative(path_of_points, folder)}
-    version = _VERSION if session.repairs else _WITHOUT_REPAIRS
-    text = json.dumps({"format": _FORMAT, "version": version, **content}, indent=1)
+    both = [session] if session.second is None else [session, session.second]
+    meshes = [_entries(each, path.absolute().parent) for each in both]
+    window = {name: entry for name, entry in session.plain().items() if name in _WINDOW}
+    content = {"format": _FORMAT, "version": _VERSION, "meshes": meshes, "window": window}
     with writing_errors(path), written_whole(path) as part:
-        part.write_text(text + "\n", encoding="utf-8")
+        part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _entries(session: Session, folder: Path) -> dict[str, Any]:
+    """Return the entries of a mesh, with paths relative to a folder."""
+    content = {name: entry for name, entry in session.plain().items() if name not in _WINDOW}
+    if session.mesh_path:
+        shown = shown_path(Path(session.mesh_path))
+        content["mesh_path"] = shown if is_link(shown) else _relative(shown, folder)
+    content["maps"] = [_relative(each, folder) for each in session.maps]
+    if path_of_points := session.points.get("path"):
+        content["points"] = {**session.points, "path": _relative(path_of_points, folder)}
+    return content
 
 
 def _read_content(path: Path) -> tuple[dict[str, Any], int]:
@@ -192,7 +194,7 @@ def _read_content(path: Path) -> tuple[dict[str, Any], int]:
         what = f"{path} is not a session of this program"
         raise InputError("wrong-format", what, "open another file")
     version = content.pop("version", None)
-    if version not in (_VERSION, _WITHOUT_REPAIRS):
+    if version not in (_VERSION, _FLAT, _OLDEST):
         what = f"{path} is a session of version {version}, and this program knows {_VERSION}"
         raise InputError("wrong-version", what, "open it with the program that wrote it")
     return content, version
@@ -207,27 +209,69 @@ def read_session(path: str | Path) -> Session:
     """
     path = Path(path)
     content, version = _read_content(path)
+    if version != _VERSION:
+        content = _upgraded(content, path, version)
+    kind = {"meshes": _Meshes, "window": dict[str, Any]}
+    whole = checked_entry(record(kind), content, path)
+    first, *others = whole.get("meshes", [{}])
+    window = {name: each for name, each in whole.get("window", {}).items() if name in _WINDOW}
+    second = _checked(others[0], path, "meshes[1]") if others else None
+    return replace(_checked(first | window, path), second=second)
+
+
+def _checked(content: dict[str, Any], path: Path, entry: str = "") -> Session:
+    """Return the session of one mesh from its entries in a file; `entry` is their place."""
+    session = checked_entry(record(Session.entries()), content, path, entry)
+    beyond = [pin for pin in session.get("pins", []) if pin >= session.get("n_vertices", 0)]
+    if session.get("n_vertices") and beyond:
+        about = f"vertex {beyond[0]}, and its mesh has {session['n_vertices']} vertices"
+        raise invalid_entry(path, f"{entry}.pins".lstrip("."), about)
+    folder = path.absolute().parent
+    if is_link(session.get("mesh_path")):
+        session["mesh_path"] = str(link_file(parse_link(session["mesh_path"])))
+    elif session.get("mesh_path"):
+        session["mesh_path"] = os.path.normpath(folder / session["mesh_path"])
+    session["maps"] = [os.path.normpath(folder / each) for each in session.get("maps", ())]
+    if points := session.get("points"):
+        points["path"] = os.path.normpath(folder / points["path"]) if points.get("path") else ""
+    return Session(**session)
+
+
+def _upgraded(content: dict[str, Any], path: Path, version: int) -> dict[str, Any]:
+    """Convert the entries of a session before version 4, which are in no list."""
     if isinstance(kept := content.get("kept_maps"), str):  # in older sessions the one name, or ""
         content["kept_maps"] = [kept] if kept else []
     if content.get("target") == {}:
         del content["target"]
-    session = checked_entry(record(Session.entries()), content, path)
-    session["file_indices"] = version == _VERSION or not session.get("repairs")
-    beyond = [pin for pin in session.get("pins", []) if pin >= session.get("n_vertices", 0)]
-    if session.get("n_vertices") and beyond:
-        about = f"vertex {beyond[0]}, and its mesh has {session['n_vertices']} vertices"
-        raise invalid_entry(path, "pins", about)
-    folder = path.absolute().parent
-    for name in ("mesh_path", "second_path"):
-        if is_link(session.get(name)):
-            session[name] = str(link_file(parse_link(session[name])))
-        elif session.get(name):
-            session[name] = os.path.normpath(folder / session[name])
-    for name in ("maps", "second_maps"):
-        session[name] = [os.path.normpath(folder / each) for each in session.get(name, ())]
-    if points := session.get("points"):
-        points["path"] = os.path.normpath(folder / points["path"]) if points.get("path") else ""
-    return Session(**session)
+    checked_entry(record(Session.entries()), content, path)
+    indices = version == _FLAT or not content.get("repairs")
+    first = {name: each for name, each in content.items() if not name.startswith("second_")}
+    meshes = [first | {"file_indices": indices}]
+    match = content.get("match", {})
+    pinned = checked_entry(record(_PINNED), match, path, "match")
+    if content.get("second_path"):
+        given = zip_longest(*(content.get(name, ()) for name in ("pin_numbers", *_ABOUT_PINS)))
+        # where pins of the second mesh lack names and colours, those of equal number have them
+        about = {number: dict(zip(_ABOUT_PINS, each, strict=True)) for number, *each in given}
+        second = {
+            name.removeprefix("second_"): each
+            for name, each in content.items()
+            if name.startswith("second_") and name != "second_path"
+        }
+        pairs = pinned.get("pinned", [])
+        second |= {
+            "mesh_path": content["second_path"],
+            "pins": [at for _, at in pairs],
+            "pin_numbers": [number for number, _ in pairs],
+            "file_indices": indices,
+        }
+        for name in _ABOUT_PINS:
+            known = [about.get(number, {}).get(name) or "" for number, _ in pairs]
+            second[name] = pinned.get(name, known)
+        if "operator" in content:
+            second["operator"] = content["operator"]
+        meshes.append(second)
+    return {"meshes": meshes, "window": {name: content[name] for name in _WINDOW & content.keys()}}
 
 
 def _number(text: str) -> float:

@@ -354,6 +354,13 @@ def test_dialogs_are_gone_when_they_have_been_answered(
 # -- sessions ------------------------------------------------------------------------------------
 
 
+def spoil(session: Path, bad: Path, entry: str, value: object) -> None:
+    """Write a session with another entry."""
+    content = json.loads(session.read_text())
+    (content["window"] if entry == "camera" else content["meshes"][0])[entry] = value
+    bad.write_text(json.dumps(content))
+
+
 @pytest.mark.parametrize(
     ("entry", "value", "clause"),
     [
@@ -374,7 +381,7 @@ def test_a_bad_session_is_one_sentence_and_changes_nothing(
     )
     path = tmp_path / "bad.meshmash.json"
     write_session(path, good)
-    path.write_text(json.dumps(json.loads(path.read_text()) | {entry: value}))
+    spoil(path, path, entry, value)
     before = document.ready, document.spectrum, document.solve.target, document.solve.operator
     shown.opening.open_path(path)
     notice = shown.stage.message_bar.notice
@@ -413,7 +420,7 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
     )
     path, bad = tmp_path / "good.meshmash.json", tmp_path / "bad.meshmash.json"
     write_session(path, good)
-    bad.write_text(json.dumps(json.loads(path.read_text()) | {"pins": [10**9]}))
+    spoil(path, bad, "pins", [10**9])
     for each in (bad, path):
         window.opening.open_path(each)
     qtbot.waitUntil(lambda: len(document.pins.placed) == 2, timeout=PATIENCE)

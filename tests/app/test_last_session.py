@@ -180,7 +180,7 @@ def test_maps_of_files_and_the_part_are_there_again_and_no_step_to_undo(
         assert not document.history.undo_label
         notice = again.stage.message_bar.notice
         assert notice is not None
-        assert notice.text == "Opened as you left it: 1 map file."
+        assert notice.text == "Opened as you left it: 1 map file, 1 part."
         # maps that are still being read stay in the session, and undo does not remove them
         document.maps.add(document.mesh, [VertexMap("mine", np.arange(mesh.n_vertices))])
         qtbot.waitUntil(lambda: bool(again.scene.camera()), timeout=PATIENCE)

@@ -837,7 +837,7 @@ def test_the_second_is_computed_on_a_mask_of_its_own(
     assert window.document.part_mesh is None, "the mask is of the second mesh only"
     wait_for(lambda: not pair.comparing and pair.comparison is not None)
     stored = session_of(window.document, {}, pair)
-    np.testing.assert_array_equal(unpacked_mask(stored.second_part, len(inside)), expected)
+    np.testing.assert_array_equal(unpacked_mask(stored.second.part, len(inside)), expected)
     assert stored.part == ""
     window.actions_["undo"].trigger()
     wait_for(lambda: second.part_mesh is None)

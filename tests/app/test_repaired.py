@@ -383,8 +383,8 @@ def test_pins_come_back_with_a_session_by_their_number_in_the_file(
     document.display.change(type(document.display.family), vertex=document.mesh.vertex_of(60))
     session = tmp_path / "now.meshmash.json"
     window.opening.store_session(session)
-    content = json.loads(session.read_text())
-    assert (content["version"], content["pins"], content["n_vertices"]) == (3, [60, 50], 206)
+    content = json.loads(session.read_text())["meshes"][0]
+    assert (content["pins"], content["n_vertices"]) == ([60, 50], 206)
 
     read(qtbot, window, save(shapes.icosphere(1), tmp_path / "ball.npz"))
     window.opening.restore_session(session)
@@ -397,7 +397,12 @@ def test_pins_come_back_with_a_session_by_their_number_in_the_file(
     assert part(window, "undo_repair_button").isVisible()
 
     # a session of version 2 has indices of the repaired mesh
-    content |= {"version": 2, "pins": [16, 6], "n_vertices": 162}
+    content |= {
+        "format": "meshmash-viewer session",
+        "version": 2,
+        "pins": [16, 6],
+        "n_vertices": 162,
+    }
     content["display"]["fields"]["distance"]["vertex"] = 16
     session.write_text(json.dumps(content))
     document.pins.clear()

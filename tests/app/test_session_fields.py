@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,11 +47,17 @@ def shown(window: MainWindow, field: QWidget) -> bool:
     return field.isVisible() and field.isEnabled()
 
 
+def flat(path: Path) -> dict[str, Any]:
+    """Return the content of a session file in the form before version 4."""
+    content = json.loads(path.read_text())["meshes"][0]
+    return content | {"format": "meshmash-viewer session", "version": 3, "mesh_path": "ball.npz"}
+
+
 def read_again(document: Document, path: Path) -> None:
     """Write a session, read it for a new document, and compare all typed values."""
     write_session(path, session_of(document, {}))
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps(content | {"mesh_path": "ball.npz"}))
+    content = flat(path)
+    path.write_text(json.dumps(content))
     read = Restoration(Document(), path)
     display = Display()
     display_from_json(display, read_display(content["display"], path))
@@ -123,7 +130,7 @@ def test_what_is_typed_computed_and_saved_is_opened(
         assert document.solve.target == wanted
         n_pairs = len(document.spectrum)
         QTest.keyClick(window, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
-        assert json.loads(saved.read_text())["target"] == asdict(wanted)
+        assert json.loads(saved.read_text())["meshes"][0]["target"] == asdict(wanted)
         document.solve.target = Target("count", 7)
         window.opening.open_session()
         qtbot.waitUntil(
@@ -138,7 +145,7 @@ def test_what_is_typed_computed_and_saved_is_opened(
 def test_a_session_of_before_with_a_count_that_is_a_float(tmp_path: Path) -> None:
     path = tmp_path / "old.meshmash.json"
     write_session(path, session_of(rectangle_document(), {}))
-    content = json.loads(path.read_text()) | {"mesh_path": "ball.npz"}
+    content = flat(path)
     content["target"] = {"kind": "count", "value": 50.0}
     content["display"]["fields"]["hks"]["scales"] = 9.0
     content["display"]["fields"]["filter"] |= {"automatic": False, "low": 0.0, "high": 3.0}
@@ -151,7 +158,7 @@ def test_a_session_of_before_with_a_count_that_is_a_float(tmp_path: Path) -> Non
 def test_the_importance_of_columns_in_an_earlier_session_is_ignored(tmp_path: Path) -> None:
     path = tmp_path / "a.meshmash.json"
     write_session(path, session_of(rectangle_document(), {}))
-    content = json.loads(path.read_text()) | {"mesh_path": "ball.npz"}
+    content = flat(path)
     learned = {"said": "F1", "unit": "nm", "names": ["a"], "kinds": ["hks"], "importance": [1.0]}
     path.write_text(json.dumps(content | {"classes": {"learned": learned}}))
     assert Restoration(Document(), path)._classes.learned == Learned("F1")
@@ -171,7 +178,7 @@ def test_classes_that_make_no_sense_are_refused(
 ) -> None:
     path = tmp_path / "a.meshmash.json"
     write_session(path, session_of(rectangle_document(), {}))
-    content = json.loads(path.read_text()) | {"mesh_path": "ball.npz"}
+    content = flat(path)
     path.write_text(json.dumps(content | {"classes": classes}))
     with raises("invalid-entry", said):
         Restoration(Document(), path)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +29,11 @@ SESSION = Session(
     n_vertices=642,
     camera={"focus": [1.0, 2.0, 3.0], "axes": np.eye(3).tolist(), "half_size": 0.5},
 )
+
+
+def flat(session: Session) -> dict[str, Any]:
+    """Return the content of a session file before version 4."""
+    return {"format": "meshmash-viewer session", "version": 3, **session.plain()}
 
 
 def with_mesh(path: Path) -> Session:
@@ -54,9 +61,34 @@ def test_moves_together_with_its_mesh(tmp_path: Path) -> None:
 def test_the_one_name_of_older_sessions_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.meshmash.json"
     for name, names in (("a.maps.npz", ["a.maps.npz"]), ("", [])):
-        write_session(path, SESSION)
-        path.write_text(json.dumps(json.loads(path.read_text()) | {"kept_maps": name}))
+        path.write_text(json.dumps(flat(SESSION) | {"kept_maps": name}))
         assert read_session(path).kept_maps == names
+
+
+def test_the_second_mesh_of_older_sessions_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    match = {"feature": "WKS", "refined": True, "carried": False}
+    second = {
+        "second_path": "b.obj", "second_unit": "nm", "second_maps": ["b.csv"],
+        "second_map_names": ["u"], "second_repairs": ["keep_largest_component"],
+        "second_part": "x", "links": ["camera"],
+    }  # fmt: skip
+    for named, pins in (({}, [("soma", ""), ("", "")]), ({"pin_names": ["a", "b"]}, [])):
+        old = flat(SESSION) | second
+        path.write_text(json.dumps(old | {"match": match | {"pinned": [[2, 7], [5, 8]]} | named}))
+        session = read_session(path)
+        other = session.second
+        assert other is not None
+        assert (session.match, session.links) == (match, ["camera"])
+        assert (other.mesh_path, other.unit) == (str(tmp_path / "b.obj"), "nm")
+        assert (other.maps, other.map_names) == ([str(tmp_path / "b.csv")], ["u"])
+        assert (other.repairs, other.part) == (["keep_largest_component"], "x")
+        assert (other.pins, other.pin_numbers) == ([7, 8], [2, 5])
+        assert other.pin_names == ([name for name, _ in pins] or ["a", "b"])
+        assert other.pin_colors == ["", ""]
+        assert other.operator == SESSION.operator
+        write_session(path, session)
+        assert read_session(path) == session
 
 
 @pytest.mark.parametrize(
@@ -84,7 +116,10 @@ def test_faulty_files(content: str, code: str, tmp_path: Path) -> None:
 def test_entries_of_later_programs_are_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     write_session(path, SESSION)
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"novelty": 1}))
+    content = json.loads(path.read_text())
+    for place in (content, content["window"], content["meshes"][0]):
+        place["novelty"] = 1
+    path.write_text(json.dumps(content))
     assert read_session(path) == SESSION
 
 
@@ -116,19 +151,26 @@ def test_a_value_out_of_range_is_named(
     entry: str, value: object, clause: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "bad.meshmash.json"
-    write_session(path, SESSION)
-    path.write_text(json.dumps(json.loads(path.read_text()) | {entry: value}))
+    path.write_text(json.dumps(flat(SESSION) | {entry: value}))
     with raises("invalid-entry", clause) as refused:
         read_session(path)
     assert refused.value.fault.startswith(f"bad.meshmash.json has an invalid {entry}")
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) < 300
+    for at, place in enumerate(("", "meshes[1].")):
+        write_session(path, replace(SESSION, second=SESSION))
+        content = json.loads(path.read_text())
+        (content["window"] if entry == "camera" else content["meshes"][at])[entry] = value
+        path.write_text(json.dumps(content))
+        with raises("invalid-entry") as again:
+            read_session(path)
+        place = "" if entry == "camera" else place
+        assert again.value.fault == refused.value.fault.replace("invalid ", f"invalid {place}")
 
 
 def test_an_entry_of_another_type_is_named(tmp_path: Path) -> None:
     path = tmp_path / "bad.meshmash.json"
-    write_session(path, SESSION)
-    content = json.loads(path.read_text())
+    content = flat(SESSION)
     assert len(content) > 20
     for entry in content.keys() - {"format", "version"}:
         for wrong in ([{"another": [1]}], 10**400):
