@@ -202,8 +202,7 @@ class Opening(QObject):
     def start_afresh(self, path: Path) -> None:
         """Open the file of the mesh as it is, which can be undone; its stored state is kept."""
         self.last_session.keep_state(path)
-        self.end_comparison()
-        self.document.start_afresh()
+        self.document.start_afresh(self.end_comparison)
 
     def _look_of(self) -> tuple[dict[str, Any], Pair | None]:
         """Return the camera (empty without a render) and the pair, to be stored in a session."""

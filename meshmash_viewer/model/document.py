@@ -201,10 +201,19 @@ class Document(OpenMesh):
         text = f"{failure.text} Not opened either: {names}." if names else failure.text
         return notice_of(replace(failure, text=text))
 
-    def start_afresh(self) -> None:
-        """Request to read the open file again, without what was made since, as one change."""
+    def start_afresh(self, close: Callable[[], object] = lambda: None) -> None:
+        """Request to read the open file again, without what was made since, as one change.
+
+        `close` is part of the change, and called once the file is read.
+        """
+
+        def take(ready: MeshReady) -> None:
+            with self.history.together("fresh start"):
+                close()
+                self._take_mesh(ready, afresh=True)
+
         if self.path is not None:
-            self._prepare("Reading", self.path, partial(self._take_mesh, afresh=True))
+            self._prepare("Reading", self.path, take)
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Request to show a mesh in memory."""

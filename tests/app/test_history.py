@@ -131,6 +131,31 @@ def test_points_come_back_before_the_render_is_made(
     assert len(document.points.shown.table) == 9
 
 
+def test_a_fresh_start_with_a_second_mesh_is_one_step(
+    open_window: Callable[..., MainWindow], ball: Path, qtbot: QtBot
+) -> None:
+    window = opened(open_window(), ball, qtbot)
+    document, opening = window.document, window.opening
+    document.pins.toggle(7)
+    opening.open_second(ball)
+    qtbot.waitUntil(lambda: opening.pair.second.mesh is not None, timeout=PATIENCE)
+    window.wait()
+    opening.pair.second.pins.toggle(9)
+    before = len(document.history.past)
+    opening.start_afresh(ball)
+    qtbot.waitUntil(lambda: not document.pins.placed, timeout=PATIENCE)
+    window.wait()
+    assert opening.pair is None
+    assert document.history.undo_label == "fresh start"
+    undo(window)
+    assert [pin.vertex for pin in document.pins.placed] == [7]
+    qtbot.waitUntil(lambda: opening.pair is not None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: bool(opening.pair.second.pins.placed), timeout=PATIENCE)
+    assert [pin.vertex for pin in opening.pair.second.pins.placed] == [9]
+    assert len(document.history.past) < before + 1
+    window.wait()
+
+
 def test_a_fresh_start_is_undone(
     open_window: Callable[..., MainWindow], ball: Path, qtbot: QtBot
 ) -> None:
