@@ -545,6 +545,11 @@ def test_pins_and_maps_of_the_second_mesh_are_there_again(
     mesh = pair.second.mesh
     assert isinstance(mesh, Mesh)
     pair.second.maps.add(mesh, [VertexMap("height", mesh.vertices[:, 2], unit="nm")])
+    above = mesh.vertices[:, 2] > 0.0
+    pair.second.selection.set(above)
+    pair.second.hiding.hide(~above)
+    pair.link("position", False)
+    pair.second.display.change(HeatKernelSignature, time=7.0)
     window.close()
 
     window = opened(open_window(), path, qtbot)
@@ -552,6 +557,10 @@ def test_pins_and_maps_of_the_second_mesh_are_there_again(
     pair = window.opening.pair
     assert pair is not None and pair.second.mesh is not None  # noqa: PT018
     assert [pin.vertex for pin in pair.second.pins.placed] == [185]
+    np.testing.assert_array_equal(pair.second.selection.mask, above)
+    np.testing.assert_array_equal(pair.second.hiding.mask, ~above)
+    assert "position" not in pair.links
+    assert pair.second.display[HeatKernelSignature].time == 7.0
     (kept,) = pair.second.mesh.maps
     assert kept.name == "height"
     np.testing.assert_array_equal(kept.values, mesh.vertices[:, 2])

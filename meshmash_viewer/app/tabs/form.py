@@ -143,6 +143,9 @@ class FamilyTab(QWidget):
         )
         return row(make.muted(text), None, self.count_spin, spacing=6)
 
+    def _set_parameter(self, name: str, value: Any) -> None:
+        self._change(**{name: value})
+
     def _set_count(self, count: int) -> None:
         self._change(**{self.family.counted: count})
 
@@ -241,7 +244,7 @@ class FamilyForm(FamilyTab):
             each: ParameterRow(
                 declared.control or f"{family.name}_{each}",
                 declared,
-                lambda value, name=each: self._change(**{name: value}),
+                partial(self._set_parameter, each),
             )
             for each, declared in family.declared().items()
             if declared.text and each not in shown
@@ -268,13 +271,14 @@ class FamilyForm(FamilyTab):
             return slider, index, self.facts
         slider = self._make_time_slider(f"{name}_slider", f"{one}, in log scale")
         declared = replace(self.family.declared()[self.position], text=one)
-        self.number = ParameterRow(
-            name, declared, lambda value: self._change(**{self.position: value})
-        )
+        self.number = ParameterRow(name, declared, partial(self._set_parameter, self.position))
         fault = make.note(f"{name}_field_fault", "error")
         assert isinstance(self.number.control, NumberField)
         self.number.control.refused.connect(lambda sentence: make.show_note(fault, sentence))
         return slider, self.number, fault, self.facts
+
+    def _set_parameter(self, name: str, value: Any) -> None:
+        self._change(**{name: value})
 
     def _set_count(self, count: int) -> None:
         position = getattr(self._document.display[self.family], self.position)
