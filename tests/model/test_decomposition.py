@@ -218,7 +218,7 @@ def test_a_cache_removed_while_computing_costs_nothing(
     Export(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 300)(Listener(tmp_path))
     # The next mesh uses the cache again.
     other = Mesh(sphere.vertices * 1.1, sphere.faces)
-    assert not decompose(other, OPERATOR, Target("count", 8), Listener(tmp_path))[1]
+    assert not decompose(other, OPERATOR, Target("count", 8), Listener(tmp_path)).remark
 
 
 def test_while_another_process_computes_the_same_it_is_computed_twice_and_said(
