@@ -12,7 +12,7 @@ import pytest
 from closed_form import rectangle_document
 from PIL import Image
 from PySide6.QtCore import QPoint, Qt
-from PySide6.QtGui import QContextMenuEvent, QGuiApplication
+from PySide6.QtGui import QContextMenuEvent, QGuiApplication, QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QMenu, QWidget
 from pytestqt.qtbot import QtBot
@@ -33,15 +33,20 @@ def window(qtbot: QtBot, reopen_window: Callable[..., MainWindow]) -> MainWindow
     for vertex in (20, 70):
         window.document.pins.toggle(vertex)
     qtbot.waitUntil(lambda: is_idle(window.profile_panel), timeout=PATIENCE)
-    panel = window.spectrum_panel
+    rested(qtbot, window.spectrum_panel)
+    return window
+
+
+def rested(qtbot: QtBot, widget: QWidget) -> QImage:
+    """Return the picture of a widget once it no longer changes."""
 
     def rests() -> bool:
-        before = panel.grab().toImage()
-        qtbot.wait(50)
-        return panel.grab().toImage() == before
+        before = widget.grab().toImage()
+        qtbot.wait(200)
+        return widget.grab().toImage() == before
 
-    qtbot.waitUntil(rests)
-    return window
+    qtbot.waitUntil(rests, timeout=PATIENCE)
+    return widget.grab().toImage()
 
 
 def saved(qtbot: QtBot, window: MainWindow, plot: QWidget, path: Path) -> Path:
@@ -77,7 +82,7 @@ def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
     window.document.spectrum_changed.emit()
     plot, spectrum = window.spectrum_panel.plot, window.document.spectrum
     svg = saved(qtbot, window, plot, tmp_path / "a.svg").read_text(encoding="utf-8")
-    before = plot.grab().toImage()  # deferred drawing has ended by now
+    before = rested(qtbot, plot)
     shown = "".join(re.findall(r"<text[^>]*>([^<]*)</text>", svg))
     for text in ("Index", "λ (µm⁻²)", "Weyl’s law"):
         assert text in shown
@@ -97,7 +102,7 @@ def test_the_spectrum_is_saved_as_vectors_pixels_and_numbers(
     np.testing.assert_array_equal(errors, spectrum.mesh_errors)
     found = [float(row[2]) for row in rows if row[0] == "eigenvalue"]
     np.testing.assert_array_equal(found, spectrum.eigenvalues)
-    assert plot.grab().toImage() == before, "and is as it was on the screen"
+    assert rested(qtbot, plot) == before, "and is as it was on the screen"
 
 
 @pytest.mark.slow
