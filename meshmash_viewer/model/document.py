@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.classes import Classes
 from meshmash_viewer.model.display import Cut, Display, Shape
+from meshmash_viewer.model.display_history import DisplayHistory
 from meshmash_viewer.model.history import History, Step
 from meshmash_viewer.model.jobs import Job, Work, nothing, prepare, prepare_part
 from meshmash_viewer.model.labels import Labels
@@ -35,24 +36,6 @@ from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.surface.masks import Mask
 from meshmash_viewer.units import counted
-
-#: Attributes of the display and of the solve recorded in the history, with their names in the menu.
-_RECORDED = {
-    "policies": "colour limits",
-    "log_scales": "colour scale",
-    "diverging_colormap": "colour map",
-    "sequential_colormap": "colour map",
-    "hide_small": "hiding of small components",
-    "cut": "clipping plane",
-    "shape": "rebuilt shape",
-    "nodal_lines": "nodal lines",
-    "label_borders": "borders of labels",
-    "label_graph": "graph of labels",
-}
-_RECORDED_OF_SOLVE = {"operator": "Laplacian", "target": "number of eigenpairs"}
-#: Parameters of families that choose what is displayed, like `Display.kind`.
-_CHOICES = {"chosen", "view"}
-_PARAMETERS = {"flipped": "flip of a sign", "rotation": "rotation"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +70,8 @@ class Document(OpenMesh):
         #: Changes by the user of all that a session stores, but for what is displayed.
         self.history = History() if history is None else history
         self.history.keep("mesh", lambda: self.maps.settled(), self._restore_mesh, self._is_ready)
-        self._keep_display()
+        #: The history of what is displayed and of the options of the solve.
+        self.displayed = DisplayHistory(self, self.display, self.history)
         self.pins = Pins(self, self.history)
         self.selection = Selection(self, self.history)
         self.hiding = Hiding(self, self.history)
@@ -106,8 +90,7 @@ class Document(OpenMesh):
         )
         self.classes = Classes(self, self.maps, self.labels, self.work, self.notices, self.history)
         self.solve = Solve(self, self.work, self.accept_spectrum)
-        for part, label in _RECORDED_OF_SOLVE.items():
-            self._keep_attribute(self.solve, self.solve.changed, part, label)
+        self.displayed.keep_solve(self.solve)
         self.work.requested.connect(self.notices.begin_turn)
         for signal in (
             self.mesh_changed, self.spectrum_changed, self.pins.changed, self.history.changed,
@@ -286,7 +269,7 @@ class Document(OpenMesh):
         """
         part, known = found
         if records:
-            parts = "mesh", "selection", "target", *self._families
+            parts = "mesh", "selection", "target", *self.displayed.families
             self.history.record("part that is computed", *parts)
         with self.history.paused():
             if computes:
@@ -369,60 +352,6 @@ class Document(OpenMesh):
             self._emit_all()
         else:
             self.spectrum_changed.emit()
-
-    def _keep_display(self) -> None:
-        """Declare the parts of the display that can be undone, and record their changes."""
-        display, keep = self.display, self.history.keep
-        #: Names of the parts of the families.
-        self._families = tuple(f"field {name}" for name in display.fields)
-        for part, name in zip(self._families, display.fields, strict=True):
-            keep(part, partial(self._family, name), self._restore_family)
-        keep("kind", lambda: display.kind, lambda kind: setattr(display, "kind", kind))
-        display.events.fields.connect(self._record_families)
-        for part, label in _RECORDED.items():
-            self._keep_attribute(display, display.events, part, label)
-
-    def _keep_attribute(self, of: object, events: Any, part: str, label: str) -> None:
-        """Declare an attribute as a part of the history, and record its changes."""
-        self.history.keep(part, partial(getattr, of, part), partial(setattr, of, part))
-        # psygnal keeps a weak reference to a method in a partial, so a closed document is freed
-        getattr(events, part).connect(partial(self._record_part, part, label))
-
-    def _record_part(self, part: str, label: str, _new: object, old: object) -> None:
-        self.history.record(label, before={part: old})
-
-    def _record_families(self, new: Mapping[str, Family], old: Mapping[str, Family]) -> None:
-        """Record changes of parameters, but for choices of what is displayed and for playing."""
-        if self.history.is_paused or self.display.playing:
-            return
-        changed = [
-            (each, name)
-            for each in new.values()
-            if f"field {each.name}" in self._families and each is not old[each.name]
-            for name in each.declared()
-            if name not in _CHOICES and getattr(each, name) != getattr(old[each.name], name)
-        ]
-        if changed:
-            family, name = changed[0]
-            label = _PARAMETERS.get(name) or f"{family.short} {_word(family, name)}"
-            names = {each.name for each, _ in changed}
-            self.history.record(label, before={f"field {at}": old[at] for at in names})
-
-    @property
-    def display_parts(self) -> tuple[str, ...]:
-        """Names of the parts of the history that are displayed."""
-        return *self._families, "kind", *_RECORDED
-
-    def _family(self, name: str) -> Family:
-        return self.display.fields[name]
-
-    def _restore_family(self, family: Family) -> None:
-        """Restore a family, within the range of the eigenpairs computed since."""
-        now, spectrum = self.display.fields[family.name], self.spectrum
-        chosen = {each: getattr(now, each) for each in family.declared() if each in _CHOICES}
-        family = replace(family, **chosen)
-        within = spectrum is not None and spectrum.complete
-        self.display.put(family.within(spectrum) if within and spectrum else family)
 
     # -- results ----------------------------------------------------------------------------
 
@@ -641,14 +570,6 @@ class Document(OpenMesh):
         if self.pins.placed:
             chosen = self.display[Similarity]
             self.display.show(replace(chosen, vertex=self.pins.placed[-1].vertex))
-
-
-def _word(family: Family, name: str) -> str:
-    """Return the word for a parameter in "Undo …", such as "time" of a heat kernel signature."""
-    declared, noun = family.declared()[name], family.nouns[0]
-    if declared.text:
-        return declared.text[0].lower() + declared.text[1:].partition(",")[0]
-    return noun.lower() if name in family.position and noun != "Column" else name
 
 
 def _repaired(

@@ -103,7 +103,7 @@ class Pair(MatchedDocuments):
 
     def _record_links(self) -> None:
         """Record links, and what the second mesh displays, since linking it replaces that."""
-        self.second.history.record("link", "links", *self.second.display_parts)
+        self.second.history.record("link", "links", *self.second.displayed.parts)
 
     def _put_links(self, links: tuple[frozenset[str], bool]) -> None:
         self.links, self._by_side = links
