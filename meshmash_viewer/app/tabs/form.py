@@ -272,7 +272,7 @@ class FamilyForm(FamilyTab):
         slider = self._make_time_slider(f"{name}_slider", f"{one}, in log scale")
         declared = replace(self.family.declared()[self.position], text=one)
         self.number = ParameterRow(name, declared, partial(self._set_parameter, self.position))
-        fault = make.note(f"{name}_field_fault", "error")
+        fault = make.note(f"{name}_field_fault", "warning")
         assert isinstance(self.number.control, NumberField)
         self.number.control.refused.connect(lambda sentence: make.show_note(fault, sentence))
         return slider, self.number, fault, self.facts
