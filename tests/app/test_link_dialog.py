@@ -108,7 +108,7 @@ def test_a_link_is_opened_and_its_session_is_found_again(
     document.pins.toggle(7)
     saved = tmp_path / "axon.meshmash.json"
     window.opening.store_session(saved)
-    assert json.loads(saved.read_text())["mesh_path"] == str(link)
+    assert json.loads(saved.read_text())["meshes"][0]["mesh_path"] == str(link)
     assert read_link(Path(read_session(saved).mesh_path)) == link
     before, sessions = document.mesh.content_hash, window.settings.sessions
     window.close()

@@ -281,7 +281,7 @@ def test_a_session_and_a_script_have_the_shape(window: MainWindow, tmp_path: Pat
     script = reproduction_script(window.document)
     assert "vertices = low_pass_vertices(mesh, decomposition, 9)" in script
     assert "0.5 * (vertices - mesh.vertices)" in script
-    content = json.loads(path.read_text(encoding="utf-8"))["display"]
+    content = json.loads(path.read_text(encoding="utf-8"))["meshes"][0]["display"]
     assert content == display_to_json(window.document.display)
     for name, value in (("pairs", 3), ("morph", 1.5), ("shown", 1), ("amplitude", -0.1)):
         with raises("invalid-entry", f"display.shape.{name}"):
