@@ -49,5 +49,5 @@ def test_measured_by_the_button_and_offered_no_further(qtbot: QtBot) -> None:
     grey = np.flatnonzero(np.abs(truth) > 0.05).tolist()
     drawn = plot.view.unresolved.getData
     qtbot.waitUntil(lambda: drawn()[0].tolist() == grey, timeout=10_000)
-    assert "off by over 5" in plot.remark.text
+    assert "off by over 5" in plot.remark.toPlainText()
     window.close()

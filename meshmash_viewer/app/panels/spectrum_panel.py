@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-import pyqtgraph as pg
 from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QGraphicsTextItem
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
@@ -38,9 +38,10 @@ class SpectrumPanel(PlotPanel):
         self.legend = make.label("spectrum_legend", textFormat=rich, role="muted")
         self.plot = Plot("spectrum_plot", "Spectrum")
         #: Legend of the grey points, in the plot because the row above has no space for it.
-        self.remark = pg.LabelItem()
-        self.remark.setParentItem(self.plot.plotItem.vb)
-        self.remark.anchor((0.0, 0.0), (0.0, 0.0), (theme.GAP, 0))
+        #: pyqtgraph's LabelItem raises errors when Python collects it after its plot.
+        self.remark = QGraphicsTextItem(self.plot.plotItem.vb)
+        self.remark.setPos(theme.GAP, 0)
+        self._remark = ""
         self.empty.setText("The eigenvalues appear here as they converge.")
         labels = self.readout, self.legend
         self._arrange((self.view_choice, self.log_check), labels, self.plot)
@@ -144,8 +145,9 @@ class SpectrumPanel(PlotPanel):
     def _describe(self) -> None:
         self.legend.setText(self.view.legend())
         remark = self._eigenvalues.remark() if self._shown == "eigenvalues" else ""
-        if remark != self.remark.text:  # unlike QLabel, it would paint the plot again
-            self.remark.setText(remark)
+        if remark != self._remark:  # unlike QLabel, it would paint the plot again
+            self._remark = remark
+            self.remark.setHtml(remark)
         self._read(None)
         self.head.fit()
 
