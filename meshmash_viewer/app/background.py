@@ -182,7 +182,7 @@ class Jobs(QObject):
     def _drop(self, is_dropped: Callable[[Job], bool]) -> None:
         """Drop waiting jobs."""
         dropped = [job for job in self._waiting if is_dropped(job)]
-        self._waiting = [job for job in self._waiting if job not in dropped]
+        self._waiting[:] = [job for job in self._waiting if job not in dropped]
         for job in dropped:
             job.then(job)
 

@@ -55,6 +55,17 @@ def session(qtbot: QtBot) -> Iterator[Session]:
     assert not session.jobs.worker.folder.exists()
 
 
+def test_no_waiting_job_starts_once_all_jobs_have_been_ended(session: Session) -> None:
+    work = session.document.work
+    work.request(endless())
+    waiting = work.request(replace(endless(), queueing=Queueing.COMPLETE))
+    session.wait(lambda: work.job is not None)
+    shutdown(session.jobs)
+    session.qtbot.wait(200)
+    assert work.job is not waiting
+    assert waiting.began == 0.0
+
+
 @pytest.fixture
 def neuron_file(neuron: Mesh, tmp_path: Path) -> Path:
     path = tmp_path / "neuron.npz"
